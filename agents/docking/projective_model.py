@@ -268,18 +268,24 @@ class ProjectiveModel:
         """
         if not self.motions:
             return
-        known_cost, deviations = np.inf, self._deviations
         if self.knows:
-            found = self._least(self.numbers[:, None], self._prior[:, None], rounds, self.MISTAKEN)
-            self.numbers = found.places[:, 0]
+            self._go_on(rounds)
             if self._leads_to_the_dock() or len(self.motions) < self._next_try:
                 return
+        if self._begin_anew():
+            self._go_on(rounds)
+
+    def _go_on(self, rounds: int) -> float:
+        """From what it knows; returns the cost."""
+        found = self._least(self.numbers[:, None], self._prior[:, None], rounds, self.MISTAKEN)
+        self.numbers = found.places[:, 0]
+        return float(found.costs.sum())
+
+    def _begin_anew(self) -> bool:
+        """From many horizons; whether that led to what is more probable than what it knew."""
         self._next_try = min(self.PATIENCE * len(self.motions), self.KEPT)
-        self._deviations = self._unknown
-        if self.knows:
-            known_cost = self._least(
-                self.numbers[:, None], self._prior[:, None], 0, self.MISTAKEN
-            ).costs.sum()
+        deviations, self._deviations = self._deviations, self._unknown
+        known_cost = self._go_on(0) if self.knows else np.inf
         starts = self._horizons()
         some = self._least(starts, starts, self.ALL, self.UNDOUBTED)
         best = np.argsort(some.costs, 1, kind="stable")[:, : self.BEST, None]
@@ -287,12 +293,11 @@ class ProjectiveModel:
         found = self._least(firsts, starts, 2 * self.ALL, self.MISTAKEN)
         if found.costs.min(1).sum() > known_cost:
             self._deviations = deviations
-            return
+            return False
         best = found.costs.argmin(1)[:, None, None]
         self.numbers = np.take_along_axis(found.places, best, 1)[:, 0]
         self._prior = np.take_along_axis(starts, best, 1)[:, 0]
-        if self.knows:
-            self.fit(rounds)
+        return self.knows
 
     def _leads_to_the_dock(self) -> bool:
         """Whether some motion on the floor brings marks to where they are to be seen, as it must."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
+from ..base.entries import Entries
 from ..base.observation import Array, Observation, camera_lengths_px
 from ..servo.perception import MARKER_NOISE_PX, NoiseEstimate
 
 
 @dataclass(frozen=True)
-class Pairs:
+class Pairs(Entries):
     """Registers and what is seen there; each gripper point in both images.
 
     Attributes:
@@ -81,25 +82,10 @@ class Pairs:
         noise_px, trials = (checked_array(arrays, name, (count,)) for name in ("noise_px", "trials"))
         return cls(registers, sensors, objects, homes, noise_px, trials.astype(np.int64))
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """As named arrays."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def __len__(self) -> int:
-        return len(self.trials)
-
-    def __add__(self, other: Pairs) -> Pairs:
-        both = zip(self.arrays().values(), other.arrays().values(), strict=True)
-        return Pairs(*(np.concatenate(arrays) for arrays in both))
-
     @property
     def with_object(self) -> NDArray[np.bool_]:
         """Which of them (n,) show the object in both images."""
         return np.asarray(np.isfinite(self.objects).all(1))
-
-    def only(self, chosen: NDArray[np.bool_]) -> Pairs:
-        """Those that are chosen (n,)."""
-        return Pairs(*(array[chosen] for array in self.arrays().values()))
 
     def without_objects(self) -> Pairs:
         """The same, as if the object had not been seen."""

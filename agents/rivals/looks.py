@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
+from ..base.entries import Entries
 from ..base.observation import Array, Observation
 
 
 @dataclass(frozen=True)
-class RegressionLooks:
+class RegressionLooks(Entries):
     """What was seen where.
 
     Attributes:
@@ -55,23 +56,7 @@ class RegressionLooks:
             checked_array(arrays, "noise_px", (count,)),
         )
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """As named arrays."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def __len__(self) -> int:
-        return len(self.registers)
-
-    def __add__(self, other: RegressionLooks) -> RegressionLooks:
-        both = zip(self.arrays().values(), other.arrays().values(), strict=True)
-        return RegressionLooks(*(np.concatenate(arrays) for arrays in both))
-
-    def only(self, chosen: Any) -> RegressionLooks:
-        """Those that are chosen: flags (n,), or a slice."""
-        return RegressionLooks(*(array[chosen] for array in self.arrays().values()))
-
-    def without(self, cameras: NDArray[np.bool_]) -> RegressionLooks:
+    def without(self, cameras: NDArray[np.bool_]) -> Self:
         """What the other cameras saw; `cameras` (2,) are forgotten."""
         points = np.where(np.repeat(cameras, 2), np.nan, self.points)
-        looks = RegressionLooks(self.registers, self.homes, points, self.noise_px)
-        return looks.only(np.isfinite(points).any((1, 2)))
+        return replace(self, points=points).only(np.asarray(np.isfinite(points).any((1, 2))))
