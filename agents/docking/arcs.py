@@ -92,10 +92,10 @@ class KnownOfArcs:
 class Arcs(ProcedureAgent):
     """Docks along the fewest arcs that a projective model expects to arrive.
 
-    First it makes a few short motions. Then it plans, drives the first arc, looks, learns and plans anew. The
-    longest word grows as long as marks are seen where they are expected. Where marks leave the images it
-    drives back. Where its own marks are seen elsewhere than before, a camera was knocked: the homography
-    between both views of them carries the model over.
+    First it makes a few short motions. Then it plans, drives the first arc, looks, learns and plans anew.
+    The longest word grows as long as marks are seen where they are expected. Hidden marks move with the
+    others; where most are hidden it drives back. Where its own marks are seen elsewhere than before, a
+    camera was knocked: the homography between both views of them carries the model over.
 
     Args:
         cameras: In which each mark is seen.
@@ -158,7 +158,7 @@ class ArcsTrial:
 
     Attributes:
         now: What was seen last.
-        here: Where marks are then (p, 2): where they were seen, or else expected.
+        here: Where marks are then (p, 2), though hidden.
 
     Args:
         first: What is seen where it begins.
@@ -177,9 +177,6 @@ class ArcsTrial:
     shorter ones. Choice."""
     GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
     """By so much. Choice."""
-    AWAY = 0.95
-    """A mark not seen, yet expected beyond this part of where plans keep marks, has left the image; nearer,
-    something hides it. Choice."""
     SURPRISES = 3
     """So often in a row less than fairly expected, wheels are others than before. Choice."""
     STILL_PX, ROUNDS = 4.0, 10
@@ -209,7 +206,7 @@ class ArcsTrial:
         here, expected = self.here, model.predict(self.here, words)
         doubt_px = model.doubt_px(here, words)
         self.now = yield words
-        self.here = np.where(self.now.visible[:, None], self.now.points, expected)
+        self.here = model.corrected(expected, words, self.now.points, self.now.visible)
         seen = before.visible & self.now.visible
         if self._look() or not seen.any():
             return None
@@ -220,9 +217,8 @@ class ArcsTrial:
 
     @property
     def lost(self) -> bool:
-        """Whether a mark has left the images, or most are hidden."""
-        away = ~self.now.visible & (np.abs(self.here) > self.AWAY * self._planner.limits).any(1)
-        return bool(away.any() or 2 * self.now.visible.sum() < len(self.here))
+        """Whether most marks are hidden, or out of the images."""
+        return bool(2 * self.now.visible.sum() < len(self.here))
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""

@@ -164,6 +164,9 @@ class ProjectiveModel:
     LOOKS_PX, SLIP = 1.5, 0.02
     """Standard deviations of a predicted image coordinate, and of what a motor does as a share of it. Choice:
     twice what two looks of 0.5 px have; wheels slip."""
+    LEEWAY, CORRECTIONS = 0.1, 2
+    """What words do may be off by such a share where marks are hidden; so many steps of Gauss and Newton's
+    method find it. Choice."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
     ROLLS = 6
@@ -230,6 +233,29 @@ class ProjectiveModel:
         ]
         variance = sum(lengths_px(each - there) ** 2 for each in slipped)
         return np.asarray(np.sqrt(self.LOOKS_PX**2 + variance))
+
+    def corrected(self, expected: Array, words: Array, found: Array, visible: Flags) -> Array:
+        """Where marks (p, 2) are after words (m,), expected at (p, 2): hidden ones move with the others.
+
+        Words do not do quite what is expected of them. What is off is a small motion on the floor, the most
+        probable one that brings the visible marks (p,) to where they are found (p, 2).
+        """
+        learned = self.learned
+        floor = learned._replace(twists=np.eye(3), curves=np.zeros((3, len(KNOTS))))
+        leeway = self.LEEWAY * np.abs(_of_motors(words)[:, None] * learned.twists).sum(1) + 1e-12
+        before, seen = self._by_camera(expected), self._by_camera(found)
+        units = self._by_camera(visible[:, None] / (self.LOOKS_PX * IMAGE_UNIT))
+        motion = np.zeros_like(leeway)
+        varied = self.STEP * np.concatenate([np.zeros((1, 3)), np.eye(3)])[:, None]
+        for _ in range(self.CORRECTIONS):
+            there = floor.predict(before, (motion + varied) * leeway)
+            off = ((seen - there[0]) * units).reshape(len(motion), -1, 1)
+            slopes = (there[1:] - there[0]) / self.STEP * units
+            slopes = slopes.reshape(3, len(motion), -1).swapaxes(0, 1)
+            normal = slopes @ slopes.swapaxes(1, 2) + np.eye(3)
+            motion = motion + np.linalg.solve(normal, slopes @ off - motion[..., None])[..., 0]
+        moved = self._joined(floor.predict(before, motion * leeway))
+        return np.where(visible[:, None], found, moved)
 
     def learn(self, motion: DrivenArc) -> None:
         """Remembers a motion; `fit` learns from it."""

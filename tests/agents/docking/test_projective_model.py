@@ -70,6 +70,22 @@ def test_the_homography_of_its_own_marks_carries_it_over_a_turn_of_the_camera():
     assert worst_px(model, seen) < 0.5
 
 
+@pytest.mark.parametrize("hidden", [(0,), (0, 3), (1, 2)])
+def test_hidden_marks_move_with_those_that_are_seen(hidden):
+    robot = Robot(7, bend=0.0)
+    model, wrong, off_px = taught(robot), [], []
+    visible = ~np.isin(np.arange(4), hidden)
+    for each in motions(robot, 30):
+        words = each.words * [1.08, 0.92]
+        expected = model.predict(each.before, words)
+        found = np.where(visible[:, None], each.after, 9.0)
+        here = model.corrected(expected, words, found, visible)
+        np.testing.assert_array_equal(here[visible], each.after[visible])
+        wrong.append(np.abs(expected - each.after)[~visible].max() / IMAGE_UNIT)
+        off_px.append(np.abs(here - each.after)[~visible].max() / IMAGE_UNIT)
+    assert np.median(off_px) < 1.5 < 5 < np.median(wrong)
+
+
 def test_a_homography_is_found_whatever_its_sign():
     rng = np.random.default_rng(5)
     g = np.eye(3) + rng.normal(0, 0.2, (3, 3))
