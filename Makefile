@@ -83,7 +83,7 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := quick learners paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions dock \
+SUITES := quick learners paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions dock remembering wilder \
 	first-trials bad-observations later-trials re-aimed-table memory first-grasps
 STUDIES := coverage paired_interval priors knowledge insert orientations safe_start
 ALONE := changes right_actions sensitivity speed training  # they take all cores, or measure time

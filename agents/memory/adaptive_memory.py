@@ -1,8 +1,9 @@
 """Keep, map, discard or recall: what is done with knowledge when the world has changed (paper, section 5).
 
 The paper asks when to discard what is stored, and when "to modify all stored data at once in a systematic
-way". The answer comes from motions that are made anyway. What was known before a change is set aside as it
-was; while more is seen, the explanation of the change is fitted again, and what was known is mapped by it.
+way". The answer comes from motions that are made anyway. A trial that begins after a jump of home goes by what
+was known, as if cameras had only turned. What was known before a change is set aside as it was; while more is
+seen, the explanation of the change is fitted again, and what was known is mapped by it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -169,7 +170,7 @@ class AdaptiveMemory:
         None where the world has changed and the archive knows none like it. A camera that does not show the
         gripper tells of no change.
         """
-        changed = self._announced | (self.detector.home.jumped(home.gripper) & home.visible[:2])
+        changed = self._announced | self._jumped(home)
         if self.on_change == "keep":
             return self.known
         return self._recalled(home.gripper) if changed.any() else self._back(home.gripper) or self.known
@@ -179,12 +180,23 @@ class AdaptiveMemory:
     ) -> SmoothPoints | None:
         """What is known of the points, of an object and in a world as they are seen at home.
 
-        None where nothing is known of it; see `Remembered.points`.
+        Where the world has changed, that is a guess by how home has moved. None where nothing is known; see
+        `Remembered.points`.
         """
-        known = self.known_for(home)
+        known = self.known_for(home) or self._guess(home)
         if known is None or not len(known.gripper):
             return None
         return known.points(home.object if home.shows_object else None, noise_px, start)
+
+    def _guess(self, home: Observation) -> Remembered | None:
+        """What was known before a change, as home has moved in images; None where it was announced."""
+        if self.on_change == "discard" or self._announced.any() or not len(self.known.gripper):
+            return None
+        return self.known.as_home_moved(home.gripper, self._jumped(home))
+
+    def _jumped(self, home: Observation) -> Cameras:
+        """Which cameras show the gripper elsewhere at home."""
+        return self.detector.home.jumped(home.gripper) & home.visible[:2]
 
     def announce_change(self, cameras: Cameras) -> None:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""

@@ -188,6 +188,15 @@ class CameraChange:
         return "moved" if self.deviation_px.max() > MOVED_PX else "re-aimed"
 
 
+def turned(camera: int, before: Array, now: Array) -> CameraChange:
+    """A camera that has turned, not rolled, so that what was at one image point (2,) is now at another."""
+    parameters = np.zeros(PARAMETERS)
+    parameters[SIMILARITY] = 1.0, 0.0
+    shift = np.linalg.solve(np.eye(2) + INVERSE_FOCAL_SQUARE * np.outer(now, before), now - before)
+    parameters[SHIFT], parameters[PERSPECTIVE] = shift, -INVERSE_FOCAL_SQUARE * shift
+    return CameraChange(camera, CameraMap(parameters), np.zeros((3, 2)), np.zeros(2), 0.0)
+
+
 def fit_camera(before: GaussianProcess, camera: int, since: Pairs) -> CameraChange:
     """Fits what has become of one camera: robust Gauss-Newton steps, with a prior towards a turned camera.
 

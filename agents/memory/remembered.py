@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_UNIT, rounded
+from calfree_gym.image import IMAGE_UNIT, lengths, rounded
 
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
@@ -31,8 +31,8 @@ from ..servo.image_model.gaussian_process import (
 )
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.slopes import Slopes
-from .camera_change import CameraChange
-from .pairs import HomeView, Pairs
+from .camera_change import WIDE_STD, CameraChange, turned
+from .pairs import Cameras, HomeView, Pairs
 
 
 class KeptLooks:
@@ -151,6 +151,11 @@ class KeptLooks:
         if len(self):
             self._keep(looks._replace(doubts=np.hypot(looks.doubts, deviations)))
 
+    def doubt_one_of(self, deviations: Array) -> None:
+        """What is stored may be off by one of these in each image (h, 2), in image units: looks will tell."""
+        if len(self):
+            self.function = self.function.doubted(deviations)
+
     def _keep(self, looks: Looks) -> None:
         function = self.function
         self.function = function.of(looks, function.motors, function.lengths[function.best])
@@ -265,6 +270,10 @@ class Remembered:
 
     prior_knowledge: ClassVar = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
 
+    TURNED_SHARE = 0.2
+    """Where a camera has turned, points are off by such a share of how far home has moved. Choice: what an
+    unknown focal length does to points half an image away, see `camera_change.PERSPECTIVE_SHARE`."""
+
     def __init__(self, motors: int, looks: int = 300) -> None:
         self.looks = check_number("looks", looks, least=10, whole=True)
         self.motors = motors
@@ -331,6 +340,22 @@ class Remembered:
                 (seen - homes).reshape(-1, 2, 2),
                 deviations,
             )
+
+    def as_home_moved(self, home: Array, cameras: Cameras) -> Self:
+        """A guess at what is to be seen where these cameras (2,) now see the gripper at home elsewhere (4,).
+
+        As if they had turned; or else they tell nothing. Looks will tell which.
+        """
+        other, function = self.copy(), self.gripper.function
+        was = function.at_all(np.zeros((1, self.motors)))[0][0]
+        now, moved = home.reshape(2, 2), np.flatnonzero(cameras)
+        other.map([turned(int(camera), was[camera], now[camera]) for camera in moved])
+        deviations = np.zeros((2, 2))
+        deviations[0, moved] = self.TURNED_SHARE * lengths(now - was)[moved]
+        deviations[1, moved] = WIDE_STD
+        other.gripper.doubt_one_of(deviations)
+        other.object.doubt_one_of(deviations)
+        return other
 
     def errors(self, pairs: Pairs) -> tuple[Array, Array]:
         """How far gripper and object are seen from where they should be; zero where the object is not seen.

@@ -172,6 +172,25 @@ class GaussianProcess:
             white=white[None],
         )
 
+    def doubted(self, deviations: Array) -> Self:
+        """The same, where what was seen may be off by one of several deviations; later looks tell by which.
+
+        Args:
+            deviations: Of smooth errors in each image (h, 2), in image units.
+        """
+        looks, lengths = self.looks, self.lengths[self.best]
+        each = [
+            self.of(looks._replace(doubts=np.hypot(looks.doubts, one)), self.motors, lengths)
+            for one in deviations
+        ]
+        return replace(
+            self,
+            lengths=np.concatenate([one.lengths for one in each]),
+            evidence=np.zeros(len(each)),
+            whitening=np.concatenate([one._of_each_image for one in each]),
+            white=np.concatenate([one.white for one in each]),
+        )
+
     @cached_property
     def best(self) -> int:
         """Which of the hypotheses explains best what was seen."""

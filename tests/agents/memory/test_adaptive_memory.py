@@ -183,7 +183,7 @@ def test_a_camera_that_does_not_show_home_tells_of_no_change():
     points[0] += 0.3
     for seen, knows in (([True] * 4, False), ([False, True, True, True], True)):
         home = Observation(points, np.array(seen), np.zeros(3))
-        assert (adaptation.points_for(home, 0.5) is not None) == knows
+        assert (adaptation.known_for(home) is not None) == knows
 
 
 def test_changes_that_do_not_outlast_their_trial_leave_what_is_known_right():

@@ -194,3 +194,10 @@ def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_
         off = lengths_px((after - grippers(env, elsewhere)).reshape(-1, 2, 2)[:, camera])
         missed.append(np.median(off))
     assert np.median(missed) < 3
+
+
+def test_where_home_has_gone_tells_where_other_points_have_gone(lived_in):
+    world, before = lived_in
+    seen = trial(changed(world, CameraAim(camera="left", degrees=15)), 100, places=20)
+    guess = before.as_home_moved(seen.sensors[0], LEFT)
+    assert error_px(guess, seen.away()) < 0.2 * error_px(before, seen.away())

@@ -50,6 +50,24 @@ def test_views_are_the_posterior_of_the_kernel_as_defined(count):
             assert expected.variances[image] == pytest.approx(variance, rel=1e-3, abs=1e-8)
 
 
+@pytest.mark.parametrize(("off", "right"), [(0.0, 0), (0.6, 1)])
+def test_later_looks_tell_how_far_earlier_ones_are_off(off, right):
+    """Then it is the posterior of the kernel in which these are so far off."""
+    deviations = np.array([[0.02, 0.02], [1.0, 0.0]])
+    earlier = taught(40).gripper.function
+    function = earlier.doubted(deviations)
+    for place in PLACES[:5]:
+        seen = view(place).reshape(2, 2) + np.outer([1, 0], [off * np.sin(3 * place[0]), off])
+        function = function.with_look(place, seen, IMAGE_UNIT**2 / 4, np.ones(2, bool))
+    looks, count = function.looks, len(earlier.looks.places)
+    looks.doubts[:count] = np.hypot(earlier.looks.doubts, deviations[right])
+    expected = function.at(PLACES[6])
+    for image in range(2):
+        points, variance = textbook(looks, earlier.lengths[earlier.best], PLACES[6], image)
+        np.testing.assert_allclose(expected.points[image], points, atol=1e-6)
+        np.testing.assert_allclose(expected.variances[image], variance, atol=1e-6)
+
+
 def test_many_places_at_once_are_the_same_and_slopes_are_derivatives():
     function = taught(40).gripper.function
     points, variances, slopes = function.at_all(PLACES)
