@@ -1,9 +1,9 @@
 """Keep, map, discard or recall: what is done with knowledge when the world has changed (paper, section 5).
 
 The paper asks when to discard what is stored, and when "to modify all stored data at once in a systematic
-way". The answer comes from motions that are made anyway. A trial that begins after a jump of home goes by what
-was known, as if cameras had only turned. What was known before a change is set aside as it was; while more is
-seen, the explanation of the change is fitted again, and what was known is mapped by it.
+way". The answer comes from motions that are made anyway. A trial that begins after a jump of home goes by
+what was known, as if cameras had only turned. What was known before a change is set aside as it was; while
+more is seen, the explanation of the change is fitted again, and what was known is mapped by it.
 """
 
 from collections.abc import Mapping, Sequence
