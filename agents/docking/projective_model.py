@@ -177,8 +177,8 @@ class ProjectiveModel:
     """Far from what is right no point is mistaken: `MISTAKEN` of the first rounds."""
     OFF_PX = 4.0
     """It tries all starts anew where no motion leads nearer to the dock. Choice: within 2.5 px it docks."""
-    LEAST, PATIENCE = 4.0, 1.5
-    """For that it needs so many motions, and so many times more before it tries again. Choice."""
+    LEAST, PATIENCE = 4.0, 0.5
+    """For that it needs so many motions, and such a share more before it tries again. Choice."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
@@ -189,7 +189,7 @@ class ProjectiveModel:
         self.numbers = np.tile(still, (cameras, 1))
         self.motions: list[DrivenArc] = []
         self._to_dock: DrivenArc | None = None
-        self._next_try = 0.0
+        self._wait = 0.0
         sizes = 9, 3 * motors, self._marks, 3 * motors, 1
         spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVE, self.BEND
         self._unknown = np.repeat(spreads, sizes)
@@ -260,6 +260,7 @@ class ProjectiveModel:
     def learn(self, motion: DrivenArc) -> None:
         """Remembers a motion; `fit` learns from it."""
         self.motions = [*self.motions, motion][-self.KEPT :]
+        self._wait -= 1
 
     def aim(self, points: Array, goal: Array) -> None:
         """Some motion on the floor brings marks from image points (p, 2) to a goal (p, 2)."""
@@ -268,7 +269,7 @@ class ProjectiveModel:
 
     def forget(self, kept: int) -> None:
         """Wheels are others than before: of motors only the latest motions tell."""
-        self.motions, self._prior, self._next_try = self.motions[-kept:], self.numbers, self.LEAST
+        self.motions, self._prior, self._wait = self.motions[-kept:], self.numbers, self.LEAST - kept
         of_wheels = self._parts(np.zeros_like(self._unknown))
         of_wheels.twists[...] = of_wheels.curves[...] = 1
         self._deviations = self._unknown * np.maximum(self._flat(of_wheels), self.CARRIED)
@@ -285,7 +286,7 @@ class ProjectiveModel:
             [self._flat(LearnedCamera(*each)) for each in zip(*carried, strict=True)]
         )
         self._deviations, self.motions = self.CARRIED * self._unknown, []
-        self._to_dock, self._next_try = None, self.LEAST
+        self._to_dock, self._wait = None, self.LEAST
 
     def fit(self, rounds: int) -> None:
         """Goes to what is most probable by at most so many rounds of Levenberg and Marquardt's method.
@@ -296,7 +297,7 @@ class ProjectiveModel:
             return
         if self.knows:
             self._go_on(rounds)
-            if self._leads_to_the_dock() or len(self.motions) < self._next_try:
+            if self._leads_to_the_dock() or self._wait > 0:
                 return
         if self._begin_anew():
             self._go_on(rounds)
@@ -309,7 +310,7 @@ class ProjectiveModel:
 
     def _begin_anew(self) -> bool:
         """From many horizons; whether that led to what is more probable than what it knew."""
-        self._next_try = min(self.PATIENCE * len(self.motions), self.KEPT)
+        self._wait = self.PATIENCE * len(self.motions)
         deviations, self._deviations = self._deviations, self._unknown
         known_cost = self._go_on(0) if self.knows else np.inf
         starts = self._horizons()
@@ -400,7 +401,7 @@ class ProjectiveModel:
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """All that is known, as named arrays."""
         known = {"numbers": self.numbers, "prior": self._prior, "deviations": self._deviations}
-        known["next_try"] = np.array([self._next_try])
+        known["wait"] = np.array([self._wait])
         if self.motions:
             stacked = (np.stack(each).astype(float) for each in zip(*self.motions, strict=True))
             known |= dict(zip(DrivenArc._fields, stacked, strict=True))
@@ -411,7 +412,7 @@ class ProjectiveModel:
         shape, points = self.numbers.shape, self._marks * self._cameras
         self.numbers, self._prior = (checked_array(arrays, name, shape) for name in ("numbers", "prior"))
         self._deviations = checked_array(arrays, "deviations", shape[1:])
-        (self._next_try,) = checked_array(arrays, "next_try", (1,)).tolist()
+        (self._wait,) = checked_array(arrays, "wait", (1,)).tolist()
         if not ((self._deviations > 0).all() and np.linalg.det(self.learned.frame).all()):
             raise ValueError("deviations must be above 0, and frames have inverses")
         self.motions = []
