@@ -114,6 +114,10 @@ class Reach:
     """Directions whose variance is this share of the largest are as unknown. Choice."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
+    SPACE = 3
+    """Motors that it takes to bring the gripper anywhere: what more there are leave it where it is."""
+    ASIDE = 0.5
+    """So far aside, in registers, it goes where a point was hidden once. Choice: halfway to a stop."""
 
     def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
         self.now = first
@@ -126,7 +130,8 @@ class Reach:
         self._trusted = findings.trusted
         self._seen = first.visible
         self._all_seen_at = [first.registers]
-        self._was_blind = False
+        self._was_blind, self._hidden = False, 0
+        self._aside = np.zeros_like(first.registers)
         self.in_vain = 0
         self._nearest_px = np.inf
         self._random = np.random.default_rng(0)
@@ -213,12 +218,25 @@ class Reach:
     def back(self) -> Motions:
         """Goes back half of the way to where all points were seen last; if that is too little, to before."""
         self._was_blind = True
+        self._hidden += 1
+        self._aside = self._beside()
         last = self._all_seen_at[-1]
         yield from self.move((last - self.now.registers) / 2)
         if self.filter.lost.any():
             if len(self._all_seen_at) > 1:
                 self._all_seen_at.pop()
             yield from self.move(self._all_seen_at[-1] - self.now.registers)
+
+    def _beside(self) -> Array:
+        """Words (m,) that leave the distance as it is, longer the more often a point was hidden.
+
+        Of many ways to be at one place, some hide a point. No more motors than it takes leave one way.
+        """
+        ways = np.linalg.svd(self.points.at(self.now.registers).distance_jacobian)[2][self.SPACE :]
+        if not len(ways):
+            return np.zeros_like(self._aside)
+        aside = ways.T @ (ways @ self._random.normal(size=ways.shape[1]))
+        return np.asarray(self.ASIDE * self._hidden * aside / np.linalg.norm(aside))
 
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
@@ -227,6 +245,8 @@ class Reach:
         words = found.registers - here
         if self._was_blind:
             words = np.zeros_like(words)
+        else:
+            words, self._aside = words + self._aside, np.zeros_like(words)
         if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
         self._was_blind = False

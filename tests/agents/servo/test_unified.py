@@ -59,6 +59,30 @@ def test_a_motor_that_moves_nothing_costs_nothing():
     assert np.median(idle) <= np.median(plain) + 2
 
 
+def test_where_one_way_to_the_object_hides_the_gripper_it_takes_another():
+    """Of five motors two do nothing to the gripper but turn it; near the object that hides it, unless far."""
+
+    class Hiding(LinearArm):
+        def observed(self, words=0.0):
+            seen = super().observed(words)
+            beside = np.linalg.svd(self.jacobian[:4])[2][3:] @ self.registers
+            hidden = seen.distance_px < 30 and np.linalg.norm(beside) < 0.3
+            return replace(seen, visible=np.array([True, not hidden, True, True]))
+
+    reached = 0
+    for seed in range(12):
+        arm = arm_of(5, np.random.default_rng(seed))
+        arm.__class__ = Hiding
+        running = UnifiedServo()(arm.observed(), Findings(UnifiedServo().new_estimator(5, None)))
+        seen = arm.observed(next(running))
+        for _ in range(40):
+            if seen.visible.all() and seen.distance_px < 4:
+                reached += 1
+                break
+            seen = arm.observed(running.send(seen))
+    assert reached == 12
+
+
 def test_with_slopes_from_before_one_or_two_motions_do():
     made = []
     for seed in range(12):
