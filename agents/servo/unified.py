@@ -230,7 +230,7 @@ class Reach:
     def _beside(self) -> Array:
         """Words (m,) that leave the distance as it is, longer the more often a point was hidden.
 
-        Of many ways to be at one place, some hide a point. No more motors than it takes leave one way.
+        Of many ways to be at the object, some hide a point. No more motors than it takes leave one way.
         """
         ways = np.linalg.svd(self.points.at(self.now.registers).distance_jacobian)[2][self.SPACE :]
         if not len(ways):
@@ -245,7 +245,7 @@ class Reach:
         words = found.registers - here
         if self._was_blind:
             words = np.zeros_like(words)
-        else:
+        elif not found.far:
             words, self._aside = words + self._aside, np.zeros_like(words)
         if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
