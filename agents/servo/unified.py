@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from calfree_gym.image import IMAGE_UNIT, inner, lengths_px
+from calfree_gym.image import IMAGE_UNIT, inner, lengths_px, rounded
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
@@ -116,8 +116,8 @@ class Reach:
     """How often a word is halved (a guard)."""
     SPACE = 3
     """Motors that it takes to bring the gripper anywhere: what more there are leave it where it is."""
-    ASIDE = 0.5
-    """So far aside, in registers, it goes where a point was hidden once. Choice: halfway to a stop."""
+    ASIDE, OTHERS = 0.5, 100
+    """Other ways to be there are so far aside (standard deviation, in registers), and so many. Choice."""
 
     def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
         self.now = first
@@ -130,8 +130,7 @@ class Reach:
         self._trusted = findings.trusted
         self._seen = first.visible
         self._all_seen_at = [first.registers]
-        self._was_blind, self._hidden = False, 0
-        self._aside = np.zeros_like(first.registers)
+        self._was_blind = False
         self.in_vain = 0
         self._nearest_px = np.inf
         self._random = np.random.default_rng(0)
@@ -218,8 +217,6 @@ class Reach:
     def back(self) -> Motions:
         """Goes back half of the way to where all points were seen last; if that is too little, to before."""
         self._was_blind = True
-        self._hidden += 1
-        self._aside = self._beside()
         last = self._all_seen_at[-1]
         yield from self.move((last - self.now.registers) / 2)
         if self.filter.lost.any():
@@ -227,16 +224,24 @@ class Reach:
                 self._all_seen_at.pop()
             yield from self.move(self._all_seen_at[-1] - self.now.registers)
 
-    def _beside(self) -> Array:
-        """Words (m,) that leave the distance as it is, longer the more often a point was hidden.
+    def _in_view(self, registers: Array) -> Array:
+        """These registers (m,); where they may hide a point, others that leave the distance as it is.
 
-        Of many ways to be at the object, some hide a point. No more motors than it takes leave one way.
+        They may, where they are nearer to where a point was hidden in this trial than to where all were seen.
+        No more motors than it takes leave no other ones.
         """
-        ways = np.linalg.svd(self.points.at(self.now.registers).distance_jacobian)[2][self.SPACE :]
-        if not len(ways):
-            return np.zeros_like(self._aside)
-        aside = ways.T @ (ways @ self._random.normal(size=ways.shape[1]))
-        return np.asarray(self.ASIDE * self._hidden * aside / np.linalg.norm(aside))
+        seen = np.array([look.registers for look in self._trusted if look.visible.all()])
+        hidden = np.array([look.registers for look in self._trusted if not look.visible.all()])
+        ways = np.linalg.svd(self.points.at(registers).distance_jacobian)[2][self.SPACE :]
+        if not (len(ways) and len(hidden) and len(seen)):
+            return registers
+        aside = self.ASIDE * self._random.normal(size=(self.OTHERS, len(registers))) @ ways.T @ ways
+        places = np.clip(np.vstack([registers, registers + aside]), self.stops.lowest, self.stops.highest)
+        to_hidden, to_seen = (
+            np.linalg.norm(places[:, None] - each, axis=2).min(1) for each in (hidden, seen)
+        )
+        margins = rounded(to_hidden - to_seen)
+        return registers if margins[0] >= 0 else np.asarray(places[margins.argmax()])
 
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
@@ -246,7 +251,7 @@ class Reach:
         if self._was_blind:
             words = np.zeros_like(words)
         elif not found.far:
-            words, self._aside = words + self._aside, np.zeros_like(words)
+            words = self._in_view(found.registers) - here
         if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
         self._was_blind = False
