@@ -98,7 +98,7 @@ class Arcs(ProcedureAgent):
     camera was knocked: the homography between both views of them carries the model over.
 
     Args:
-        cameras: In which each mark is seen.
+        cameras: In so many each mark is seen; as many as the environment has, unless given.
     """
 
     prior_knowledge = frozenset(
@@ -111,8 +111,10 @@ class Arcs(ProcedureAgent):
         }
     )
 
-    def __init__(self, env: gym.Env[Any, Any], cameras: int = 1, seed: int = 0) -> None:
+    def __init__(self, env: gym.Env[Any, Any], cameras: int | None = None, seed: int = 0) -> None:
         super().__init__(env, seed)
+        if cameras is None:
+            cameras = getattr(getattr(env.unwrapped, "config", None), "cameras", 1)
         self._edges = np.reshape(env.observation_space["achieved_goal"].high, (-1, 2)).astype(float)  # type: ignore[index]
         self.cameras = check_number("cameras", cameras, least=1, whole=True)
         if len(self._edges) % cameras:
