@@ -115,7 +115,8 @@ class Reach:
     HALVINGS = 5
     """How often a word is halved (a guard)."""
     SPACE = 3
-    """Motors that it takes to bring the gripper anywhere: what more there are leave it where it is."""
+    """Motors that it takes to bring the gripper anywhere; more may leave it there. Derived: space has so many
+    dimensions."""
     ASIDE, OTHERS = 0.5, 100
     """Other ways to be there are so far aside (standard deviation, in registers), and so many. Choice."""
 
