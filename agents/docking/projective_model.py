@@ -240,6 +240,8 @@ class ProjectiveModel:
         Words do not do quite what is expected of them. What is off is a small motion on the floor, the most
         probable one that brings the visible marks (p,) to where they are found (p, 2).
         """
+        if visible.all():
+            return found
         learned = self.learned
         floor = learned._replace(twists=np.eye(3), curves=np.zeros((3, len(KNOTS))))
         leeway = self.LEEWAY * np.abs(_of_motors(words)[:, None] * learned.twists).sum(1) + 1e-12

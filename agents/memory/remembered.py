@@ -142,14 +142,12 @@ class KeptLooks:
             points: What is seen there, in image units.
             deviations: How far off that may be in each image (2,), in image units.
         """
-        looks = self.function.looks
-        self._keep(Looks(places, points, looks.variances, np.hypot(looks.doubts, deviations)))
+        self._keep(self.function.looks._replace(places=places, points=points).doubted(deviations))
 
     def doubt(self, deviations: Array) -> None:
         """What is stored may be off by that in each image (2,), in image units, besides."""
-        looks = self.function.looks
         if len(self):
-            self._keep(looks._replace(doubts=np.hypot(looks.doubts, deviations)))
+            self._keep(self.function.looks.doubted(deviations))
 
     def doubt_one_of(self, deviations: Array) -> None:
         """What is stored may be off by one of these in each image (h, 2), in image units: looks will tell."""

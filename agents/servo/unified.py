@@ -231,17 +231,15 @@ class Reach:
         They may, where they are nearer to where a point was hidden in this trial than to where all were seen.
         No more motors than it takes leave no other ones.
         """
-        seen = np.array([look.registers for look in self._trusted if look.visible.all()])
-        hidden = np.array([look.registers for look in self._trusted if not look.visible.all()])
-        ways = np.linalg.svd(self.points.at(registers).distance_jacobian)[2][self.SPACE :]
-        if not (len(ways) and len(hidden) and len(seen)):
+        shown = np.array([look.visible.all() for look in self._trusted])
+        if len(registers) <= self.SPACE or shown.all() or not shown.any():
             return registers
+        ways = np.linalg.svd(self.points.at(registers).distance_jacobian)[2][self.SPACE :]
         aside = self.ASIDE * self._random.normal(size=(self.OTHERS, len(registers))) @ ways.T @ ways
         places = np.clip(np.vstack([registers, registers + aside]), self.stops.lowest, self.stops.highest)
-        to_hidden, to_seen = (
-            np.linalg.norm(places[:, None] - each, axis=2).min(1) for each in (hidden, seen)
-        )
-        margins = rounded(to_hidden - to_seen)
+        been = np.array([look.registers for look in self._trusted])
+        far = np.linalg.norm(places[:, None] - been, axis=2)
+        margins = rounded(far[:, ~shown].min(1) - far[:, shown].min(1))
         return registers if margins[0] >= 0 else np.asarray(places[margins.argmax()])
 
     def words(self) -> Array:

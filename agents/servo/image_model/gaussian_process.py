@@ -45,6 +45,10 @@ class Looks(NamedTuple):
         look = (place, points, variances, np.zeros(2))
         return type(self)(*(np.concatenate([old, [new]]) for old, new in zip(self, look, strict=True)))
 
+    def doubted(self, deviations: Array) -> Self:
+        """The same, which may be off by that in each image (2,), in image units, besides."""
+        return self._replace(doubts=np.hypot(self.doubts, deviations))
+
     def only(self, chosen: NDArray[np.bool_] | slice) -> Self:
         """Those that are chosen (n,)."""
         return type(self)(*(each[chosen] for each in self))
@@ -178,11 +182,8 @@ class GaussianProcess:
         Args:
             deviations: Of smooth errors in each image (h, 2), in image units.
         """
-        looks, lengths = self.looks, self.lengths[self.best]
-        each = [
-            self.of(looks._replace(doubts=np.hypot(looks.doubts, one)), self.motors, lengths)
-            for one in deviations
-        ]
+        lengths = self.lengths[self.best]
+        each = [self.of(self.looks.doubted(one), self.motors, lengths) for one in deviations]
         return replace(
             self,
             lengths=np.concatenate([one.lengths for one in each]),
