@@ -24,7 +24,7 @@ from .paper import PaperServo
 from .perception import Gating
 from .servo_agent import SERVO_KNOWLEDGE, SMALLEST, servo
 from .slopes import Slopes
-from .trial import HARDLY_NEARER, Findings, Motions
+from .trial import HARDLY_NEARER, Findings, Motions, Steps
 
 
 @servo("unified_servo", "Makes no test motions: learns a smooth model of the images as it goes.")
@@ -84,8 +84,6 @@ class UnifiedServo:
             yield from reach.move(reach.words())
             while reach.filter.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
-            if reach.blind:
-                yield from reach.back()
         if not reach.now.last:
             yield from reach.forget_and_go_on()
 
@@ -131,7 +129,8 @@ class Reach:
         self._trusted = findings.trusted
         self._seen = first.visible
         self._all_seen_at = [first.registers]
-        self._was_blind = False
+        self._returning = False
+        self._share = 1.0
         self.in_vain = 0
         self._nearest_px = np.inf
         self._random = np.random.default_rng(0)
@@ -167,7 +166,9 @@ class Reach:
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         self._note_seen()
-        if observation.visible.all() and (observation.registers != before.registers).any():
+        moved = (observation.registers != before.registers).any()
+        led = self.points.remembers or not self._returning
+        if observation.visible.all() and moved and led:
             self._judge(left_px)
 
     def forget_earlier_trials(self) -> None:
@@ -206,7 +207,7 @@ class Reach:
             self._all_seen_at.append(self.now.registers)
 
     @property
-    def blind(self) -> bool:
+    def _blind(self) -> bool:
         """Whether a point is hidden that was seen before, and is expected too unsurely to go on by that."""
         lost = self.filter.lost
         if not lost.any():
@@ -215,15 +216,19 @@ class Reach:
         unsure = POINTS * float(here.variances[lost].max())
         return bool(unsure > LEFT**2 * here.distance @ here.distance)
 
-    def back(self) -> Motions:
-        """Goes back half of the way to where all points were seen last; if that is too little, to before."""
-        self._was_blind = True
-        last = self._all_seen_at[-1]
-        yield from self.move((last - self.now.registers) / 2)
-        if self.filter.lost.any():
-            if len(self._all_seen_at) > 1:
-                self._all_seen_at.pop()
-            yield from self.move(self._all_seen_at[-1] - self.now.registers)
+    def _back(self) -> tuple[Array, bool]:
+        """Words (m,) to where all points were seen last, and whether a probe is added to them.
+
+        Where points stay hidden the probe gets shorter, and is at last left out. Where they are hidden even
+        then, the next words lead to where all were seen before.
+        """
+        share = self._share if self._returning else 1.0
+        probing = share > Steps.LEAST_SHARE
+        self._share = max(Steps.SHORTER * share, Steps.LEAST_SHARE)
+        words = self._all_seen_at[-1] - self.now.registers
+        if not probing and len(self._all_seen_at) > 1:
+            self._all_seen_at.pop()  # it is noted again where all are seen
+        return words, probing or not words.any()
 
     def _in_view(self, registers: Array) -> Array:
         """These registers (m,); where they may hide a point, others that leave the distance as it is.
@@ -243,17 +248,21 @@ class Reach:
         return registers if margins[0] >= 0 else np.asarray(places[margins.argmax()])
 
     def words(self) -> Array:
-        """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
+        """The next words (m,): a step, and a probe where the step would leave too much of the distance.
+
+        Both are shorter after a motion that hid a point.
+        """
         here, stops = self.now.registers, self.stops
         found = Seeker(self.points, here, stops.lowest, stops.highest, self._caution).seek()
-        words = found.registers - here
-        if self._was_blind:
-            words = np.zeros_like(words)
-        elif not found.far:
-            words = self._in_view(found.registers) - here
-        if found.far or self._was_blind:
+        blind = self._blind
+        if blind:
+            words, probing = self._back()
+        else:
+            self._share = min(1.0, Steps.LONGER * self._share)
+            words, probing = self._share * (self._in_view(found.registers) - here), found.far
+        self._returning = blind
+        if probing:
             words = self._with_probe(words, found.length)
-        self._was_blind = False
         self._findings.note_words(words, self.now, stops)
         return self._within_images(self._sure(words / max(1.0, float(np.abs(words).max()))))
 
@@ -275,7 +284,8 @@ class Reach:
         own errors do not hide what the probe does.
         """
         here = self.points.at(self.now.registers)
-        size = max(min(self._servo.probe_px * IMAGE_UNIT, left), self.NOISES * self._noise)
+        size = min(self._share * self._servo.probe_px * IMAGE_UNIT, left)
+        size = max(size, self.NOISES * self._noise)
         unknown = here.slope_variances.mean(0)
         variances, ways = np.linalg.eigh(unknown)
         ways = ways[:, variances > self.AS_UNKNOWN * variances[-1]]
