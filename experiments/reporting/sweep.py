@@ -40,7 +40,7 @@ _ENOUGH = 0.1
 _ACROSS = 3
 """Sweeps side by side."""
 _LOST = 0.95
-"""An agent that misses more than this share of all trials at every value has no line among the misses."""
+"""An agent without success in more than this share of all trials at every value has no line on the left."""
 _NEEDED = "Motions per reach (a failure: {})"
 _HOW_TO_READ = (
     "Of the trials in whose first observation both cameras see gripper and object, the same for every "
@@ -223,7 +223,7 @@ def _table(found: Swept) -> Table:
 
 
 def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
-    """Trials that end off the object on the left, and motions per reach on the right, both against the value.
+    """Trials without success on the left, and motions per reach on the right, both against the value.
 
     Args:
         sweep: What is varied.
@@ -240,14 +240,14 @@ def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
                 continue
             worst = max(worst, *(share for share in shares if not math.isnan(share)))
             misses.plot(sweep.over, shares, **line)
-        misses.set_title("Trials that end off the object (%)")
+        misses.set_title("Trials without success (%)")
         misses.set_ylim(-0.02 * max(worst, 0.1), 1.08 * max(worst, 0.1))
         misses.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:.3g}"))
         ends = _draw_motions(motions, sweep, curves)
         motions.set_title(_NEEDED.format(sweep.env.max_episode_steps))
         for axes in (misses, motions):
             _scale(axes, sweep, 48)
-        left_out = f" Left out on the left: {', '.join(lost)} (misses all)." if lost else ""
+        left_out = f" Left out on the left: {', '.join(lost)} (no success)." if lost else ""
         say(figure, _title(sweep), said + left_out)
         label_lines(motions, ends, 9.5)
     return figure

@@ -223,7 +223,7 @@ def test_the_figure_shows_the_points():
     assert list(line.get_ydata()) == [3, 60]
     assert list(other.get_ydata()) == [60, 60]
     assert [text.get_text() for text in motions.texts] == ["servo", "random motions"]
-    assert figure.get_supxlabel() == "2 worlds. Left out on the left: random motions (misses all)."
+    assert figure.get_supxlabel() == "2 worlds. Left out on the left: random motions (no success)."
     assert "(degrees)" in misses.get_xlabel()
     plt.close(figure)
 
