@@ -112,7 +112,7 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
         "The median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap} motions. {_GOOD}: at the first checkpoint.{knock}"
+        f"{held.cap} motions. {_GOOD}: from the first checkpoint on, on average.{knock}"
     )
 
 
