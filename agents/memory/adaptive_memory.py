@@ -159,8 +159,7 @@ class AdaptiveMemory:
         """What it takes for granted to notice and to explain changes, see `Agent`.
 
         Its homographies are those of cameras with square pixels, and yet no camera model is among it: they
-        save as many motions where images are sheared (`python -m experiments benchmark priors` tells how), and in
-        worlds of `wilder` cameras.
+        save as many motions where images are sheared (`python -m experiments benchmark priors` tells how).
         """
         keeps = self.on_change == "keep"
         return frozenset() if keeps else frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
