@@ -98,7 +98,8 @@ class Leash:
     It is as long as the images may move by one motion, as expected, and by each motor's word alone: what
     motors do to images may cancel, what they do to the arm does not. It grows where they did as expected,
     and shrinks where not, or where a point was lost or the arm met something. Near the object, where there
-    may be less room than on the way, motions are short, and so they are slow.
+    may be less room than on the way, motions are short, and so they are slow. It does not hold back what
+    leads to where the last motion began.
 
     Attributes:
         length_px: How far a motion may move the images, far from the object.
@@ -152,11 +153,14 @@ class Leash:
     ) -> None:
         self._units = units
         self.now, self.length_px = now, self.FIRST_PX
+        self._came_from = now.registers
         self.contacts, self.stops = 0, Stops(now.registers)
         self._view, self._tested, self._filter = view, tested, filter_
 
     def allowed(self, words: Array, registers: Array) -> Array:
         """As much of words (m,), from registers (m,) on, as the leash lets through, in the same direction."""
+        if np.abs(registers + words - self._came_from).max() < NEITHER:
+            return words
         share = 1.0 / max(1.0, float(np.abs(words).max()))
         far = max(self._view.moved_px(words), self._view.each_px(words))
         length_px = min(self.length_px, max(self.OF_DISTANCE * self.now.distance_px, self.NEAR_PX))
@@ -183,7 +187,7 @@ class Leash:
         elif expected_px > self.length_px / self.GROWTH:
             self.length_px = min(self.length_px * self.GROWTH, self.MOST_PX)
         self._view.correct(executed, before, after, self._filter.noise.px)
-        self.now = after
+        self.now, self._came_from = after, before.registers
         self._tested = np.maximum(self._tested, np.abs(after.registers))
         return well
 
