@@ -250,11 +250,16 @@ def test_the_gradient_through_the_robots_is_that_of_the_loss(finishing, double, 
 
 
 def test_training_lowers_the_loss(monkeypatch):
+    """Below that of the same robots whose network does not learn: it falls within each life anyway."""
     monkeypatch.setattr(train, "FINISHING", (1.0, 2.0))  # the same loss all the time
-    torch.manual_seed(0)
-    network, robots = RecurrentServoNetwork(hidden=8, features=4), TrainingRobots(worlds(), 16)
-    losses = [window.loss.item() for window in train.train(network, robots, 6, 0.02, 60)]
-    assert np.mean(losses[-10:]) < 0.9 * np.mean(losses[:10])
+    late = []
+    for rate in (0.0, 0.005):
+        torch.manual_seed(0)
+        network, robots = RecurrentServoNetwork(hidden=8, features=4), TrainingRobots(worlds(), 64)
+        late.append(
+            np.mean([window.loss.item() for window in train.train(network, robots, 6, rate, 60)][30:])
+        )
+    assert late[1] < 0.95 * late[0]
 
 
 @pytest.mark.parametrize(("name", "options"), [("recurrent_servo", []), ("in_context", ["--features", "4"])])

@@ -9,7 +9,7 @@ from experiments.running.finished import RESULTS
 from tests.experiments.fakes import runs
 
 
-@pytest.mark.parametrize("suite", ["others", "rivals"])
+@pytest.mark.parametrize("suite", ["others", "quick"])
 def test_kept_runs_are_expected_to_take_what_they_took(suite, tmp_path):
     kept, finished = KeptTimes(), read_finished(KEPT / suite / RESULTS, tmp_path)
     took = finished.timings.set_index("run")["wall_seconds"]
