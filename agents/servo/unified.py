@@ -284,8 +284,7 @@ class Reach:
         own errors do not hide what the probe does.
         """
         here = self.points.at(self.now.registers)
-        size = min(self._share * self._servo.probe_px * IMAGE_UNIT, left)
-        size = max(size, self.NOISES * self._noise)
+        size = max(min(self._share * self._servo.probe_px * IMAGE_UNIT, left), self.NOISES * self._noise)
         unknown = here.slope_variances.mean(0)
         variances, ways = np.linalg.eigh(unknown)
         ways = ways[:, variances > self.AS_UNKNOWN * variances[-1]]
