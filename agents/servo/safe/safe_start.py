@@ -254,7 +254,7 @@ class SafeStart(ServoAgent):
             findings.gave_up = _hopeless(motions)
             if findings.gave_up:
                 return
-            findings.units = equal_units(view.jacobian, findings.tested)
+            findings.units = equal_units(view.jacobian)
         else:
             view.jacobian = self.slopes.jacobian / findings.units
             view.variances = self.slopes.variances.mean(0) / np.outer(findings.units, findings.units)

@@ -16,6 +16,7 @@ from agents.servo.safe.safe_start import FirstMotions
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
 from tests.agents.trials import carry_out, motions_of
+from tests.arms.own import ARMS
 
 WORDS = st.lists(st.floats(-1, 1), min_size=3, max_size=3)
 
@@ -256,10 +257,11 @@ def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
 
 def test_units_make_all_motors_alike():
     arm = LinearArm((4000, 900, 700))
-    units = equal_units(arm.jacobian, np.full(3, 0.01))
+    units = equal_units(arm.jacobian)
     moved = lengths_px((arm.jacobian * units).reshape(4, 2, 3).swapaxes(1, 2)).max(0)
     np.testing.assert_allclose(moved, moved[0])
-    assert equal_units(np.zeros((8, 3)), np.full(3, 0.01)).tolist() == [0.04] * 3
+    arm.jacobian[:, 1] = 0
+    assert equal_units(arm.jacobian)[1] == units[[0, 2]].mean()
 
 
 def test_no_joint_goes_far_in_the_first_motion_and_nothing_is_harmed():
@@ -282,3 +284,15 @@ def test_it_reaches_where_nothing_can_be_touched_too_and_remembers(servo, tmp_pa
     other = agents.make("safe_start", env, servo=servo).load(tmp_path / "safe")
     np.testing.assert_array_equal(other.units, agent.units)
     assert any(arrived for *_, arrived, _ in islice(motions_of(other, env, seed=5), 40))
+
+
+def test_motors_that_may_rest_are_not_taken_for_strong_ones():
+    arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
+    agent = agents.make("safe_start", gym.make("CalFree/Reach-v0", **arm))
+    agent.env.reset(seed=2)
+    agent.learn(120)
+    columns = (agent.slopes.jacobian / agent.units).reshape(4, 2, -1).swapaxes(1, 2)
+    strengths = lengths_px(columns).max(0)
+    rested = agent.tested == FirstMotions.FIRST_WORD
+    assert rested.any()
+    assert strengths[rested].max() < strengths[~rested].max()
