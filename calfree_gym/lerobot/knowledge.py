@@ -58,7 +58,7 @@ def load(
     then, now = (list(degrees), of_unit, bool(ticks)), (list(motors), unit, bool(encoders))
     if then != now:
         raise ValueError(f"{path} is of (motors, unit, whether there are encoders) {then}; here it is {now}")
-    kept = {name: (ticks or degrees).get(name) for name in motors}
+    kept: dict[str, Any] = {name: (ticks or degrees).get(name) for name in motors}
     if not all(isinstance(at, int | float) and abs(at) < 2**32 for at in kept.values()):
         raise ValueError(f"{path} has home at {kept}; allowed: a finite number of each motor")
     here = [encoders[name].degrees(at - encoders[name].offset) if ticks else at for name, at in kept.items()]
