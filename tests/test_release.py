@@ -49,9 +49,25 @@ def test_workflows_have_no_secret_and_no_host_and_run_what_there_is():
         assert "secrets" not in text
         assert "://" not in text
         assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
-        assert all(re.search(r"@(v\d+|release/v\d+)$", each) for each in re.findall(r"uses: (\w\S*)", text))
+        used = re.findall(r"uses: (\w\S*)", text)
+        assert all(re.search(r"^actions/.*@v\d+$|@[0-9a-f]{40}$", each) for each in used)
+        assert text.count("persist-credentials: false") == sum("actions/checkout@" in each for each in used)
         assert set(re.findall(r"\bmake ([\w-]+)", text)) <= targets
         assert all((ROOT / each).exists() for each in re.findall(r"tests/\w+\.py|constraints-\w+\.txt", text))
+
+
+def test_only_what_is_on_main_is_released():
+    """And only the last job may publish: it runs no code of the repository."""
+    jobs = yaml.safe_load(WORKFLOWS["release.yml"])["jobs"]
+    asked = [step.get("run", "") for step in jobs["build"]["steps"]]
+    assert 'git merge-base --is-ancestor "$GITHUB_SHA" origin/main' in asked
+    assert jobs["build"]["steps"][0]["with"]["fetch-depth"] == 0
+    assert "build" in jobs["publish"]["needs"]
+    assert {name: job.get("permissions") for name, job in jobs.items()} == {
+        "tests": None,
+        "build": None,
+        "publish": {"id-token": "write"},
+    }
 
 
 def test_the_wheel_is_tried_with_every_python_that_is_named():

@@ -12,8 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LAYERS = {
-    "calfree_gym": "errors wrappers image reaching geometry streams pool vision robot world perturbations "
-    "perturb rendering engine tasks calfree_gym envs sb3 picture_reach lerobot cli",
+    "calfree_gym": "errors files wrappers image reaching geometry streams pool vision robot world "
+    "perturbations perturb rendering engine tasks calfree_gym envs sb3 picture_reach lerobot cli",
     "agents": "base neural servo calibrated knowledge memory rivals body_schema grasp docking reference "
     "registry moved agents",
     "experiments": "errors options config evaluation experiments running statistics reporting execution "
@@ -25,12 +25,13 @@ PACKAGES_BELOW = {"calfree_gym": [], "agents": ["calfree_gym"], "experiments": [
 PUBLIC = {
     "calfree_gym.errors",
     "calfree_gym.errors.yaml_values",
+    "calfree_gym.files",
     "calfree_gym.image",
     "calfree_gym.sb3",
     "calfree_gym.wrappers",
 }
-"""What agents may know of the black box: how long a pixel is, how errors and settings read, what adapts it to
-learners."""
+"""What agents may know of the black box: how long a pixel is, how errors and settings read, how files are
+written, what adapts it to learners."""
 PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
     "calfree_gym.geometry",

@@ -56,12 +56,17 @@ def check_numbers(name: str, values: Any, **bounds: Any) -> list[Any]:
 
 
 def checked_array(
-    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...], allow_nan: bool = False
+    arrays: Mapping[str, NDArray[Any]],
+    name: str,
+    shape: tuple[int | None, ...],
+    allow_nan: bool = False,
+    most: float = math.inf,
 ) -> NDArray[np.float64]:
     """A copy of the saved array `name`.
 
     Raises:
-        ValueError: There is none, it is not of `shape` (None: any length), or a number in it is not finite.
+        ValueError: There is none, it is not of `shape` (None: any length), or holds what is no number, a
+            number that is not finite, or one of an absolute value above `most`.
     """
     saved = arrays.get(name)
     if saved is None:
@@ -72,7 +77,13 @@ def checked_array(
     if not fits:
         wanted = ", ".join("any" if length is None else str(length) for length in shape)
         raise ValueError(f"the saved {name} have shape {saved.shape}, here ({wanted}) is wanted")
+    if saved.dtype.kind not in "fiub":
+        raise ValueError(f"the saved {name} are of type {saved.dtype}; they must be real numbers")
     array = np.array(saved, float)
     if not allow_nan and not np.isfinite(array).all():
         raise ValueError(f"the saved {name} hold numbers that are not finite")
+    if (np.abs(array) > most).any():
+        raise ValueError(
+            f"the saved {name} hold {array[np.abs(array) > most][0]:g}; at most {most:g} is allowed"
+        )
     return array

@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .checks import check_number, checked_array
 from .observation import Array, Observation
 
 ALIKE = 0.1
@@ -129,6 +130,8 @@ class Encoders:
     """Of registers (a guard): observations have single precision."""
     DIVIDED = 300 * float(np.finfo(np.float32).eps)
     """Of the largest register (a guard): as far off is what is left of several divisions."""
+    MOST, LEAST = 1e100, 1e-100
+    """Of what is kept, and of a step (a guard far beyond any register: squares and quotients stay finite)."""
 
     def __init__(self) -> None:
         self.share, self.noise = 1.0, 0.0
@@ -213,14 +216,25 @@ class Encoders:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """What `arrays` returned of one; nothing is known where a file of an earlier version has none."""
+        """What `arrays` returned of one; nothing is known where a file of an earlier version has none.
+
+        Raises:
+            ValueError: They are damaged.
+        """
         known = cls()
         if f"{cls.NAME}other" in arrays:
-            known.rest(arrays[f"{cls.NAME}resting"])
-            known._errors.extend(arrays[f"{cls.NAME}errors"].tolist())
-            known._shares.extend(arrays[f"{cls.NAME}shares"].tolist())
-            known._in_a_row.extend((one, two) for one, two in arrays[f"{cls.NAME}in_a_row"].tolist())
-            known.share, known._step, known._farthest = arrays[f"{cls.NAME}other"].tolist()
+            resting, errors, shares, in_a_row = (
+                checked_array(arrays, f"{cls.NAME}{name}", (None, *pairs), most=cls.MOST)
+                for name, *pairs in (("resting",), ("errors",), ("shares",), ("in_a_row", 2))
+            )
+            known.rest(resting)
+            known._errors.extend(errors.tolist())
+            known._shares.extend(shares.tolist())
+            known._in_a_row.extend((one, two) for one, two in in_a_row.tolist())
+            share, step, farthest = checked_array(arrays, f"{cls.NAME}other", (3,), allow_nan=True).tolist()
+            known.share = check_number("the share of words", share, least=1 - cls.MOST_SHORT, most=1)
+            known._step = check_number("the step of registers", step, least=cls.LEAST, finite=False)
+            known._farthest = check_number("the farthest register", farthest, least=0, most=cls.MOST)
         return known
 
 

@@ -12,6 +12,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.files import check_size, whole
+
 from .checks import check_number
 
 AgentFile = str | PathLike[str] | BinaryIO
@@ -75,19 +77,6 @@ def _check_open(file: BinaryIO, use: str, nothing: bytes | int) -> None:
         raise TypeError(f"found {file!r}; allowed: a path, or a binary file that is open to {use}")
 
 
-@contextmanager
-def whole(path: str | PathLike[str]) -> Iterator[BinaryIO]:
-    """A file to write, which takes its place when all is written: an error leaves what stands there."""
-    place = Path(path)
-    partial = place.with_name(f"{place.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            yield file
-        partial.replace(place)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def load(
     file: AgentFile, kind: str, motors: int, present_kind: Callable[[str], str] = lambda saved: saved
 ) -> tuple[dict[str, NDArray[Any]], int]:
@@ -109,6 +98,7 @@ def load(
     found = content(file)
     try:
         with np.load(BytesIO(found), allow_pickle=False) as saved_arrays:
+            check_size(saved_arrays.zip)
             arrays = {name: saved_arrays[name] for name in saved_arrays.files}
             header = json.loads(str(arrays.pop(_HEADER)))
             motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)

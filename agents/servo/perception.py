@@ -369,7 +369,7 @@ class ObservationFilter:
         self.noise.restore(
             *(checked_array(arrays, name, (None,)) for name in ("noise_differences", "home_differences"))
         )
-        self.gating.counts = checked_array(arrays, "mistaken", (2,))
+        self.gating.counts = checked_array(arrays, "mistaken", (2,), most=2**53)
         self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
         self.visibility.returns = checked_array(arrays, "returns", (2,))
 

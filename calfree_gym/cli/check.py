@@ -56,7 +56,7 @@ def _motors(standing: StandingRobot, unit: float) -> list[str]:
         known = standing.encoders.get(name)
         ticks = f", {known.ticks(at):.0f} of {known.low} to {known.high} ticks" if known else ""
         try:
-            check_limits(standing.encoders, [name], np.array([at]), unit)
+            check_limits(standing.encoders, [name], np.array([at]), np.array([at]), unit)
             said = "may go" if known else "no encoder is known: nothing is checked"
         except ValueError as error:
             said = "WRONG"

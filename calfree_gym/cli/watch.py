@@ -11,9 +11,12 @@ from threading import Condition, Thread
 from calfree_gym.cli.drawing import drawn, jpeg, side_by_side
 from calfree_gym.cli.robots import INSTALL
 from calfree_gym.cli.standing import StandingRobot
+from calfree_gym.files import whole
 from calfree_gym.picture_reach import PictureLook
 
 PAUSE_S = 0.1
+PATIENCE_S = 5.0
+"""With who asks for the page or looks at it, and does nothing. Choice."""
 PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>calfree watch</title>
 <body style="margin:0;background:#222">
 <img src="stream" alt="what both cameras see" style="width:100%"></body></html>"""
@@ -48,13 +51,17 @@ class Page:
         page = self
 
         class Handler(BaseHTTPRequestHandler):
+            timeout = PATIENCE_S
+
             def do_GET(self) -> None:
-                if self.path == "/":
+                if self.headers["Host"] not in page._hosts:  # another site's name may lead here
+                    self.send_error(403)
+                elif self.path == "/":
                     page._answer(self, "text/html")
                     self.wfile.write(PAGE)
                 elif self.path == "/stream":
                     page._answer(self, f"multipart/x-mixed-replace; boundary={BOUNDARY}")
-                    with suppress(ConnectionError):
+                    with suppress(ConnectionError, TimeoutError):
                         page._stream(self)
                 else:
                     self.send_error(404)
@@ -67,7 +74,8 @@ class Page:
         except (OSError, OverflowError) as error:
             raise OSError(f"port {port}: {error}; choose another one with --port") from error
         self._server.daemon_threads = True
-        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/"
+        self._hosts = [f"{name}:{self._server.server_address[1]}" for name in ("127.0.0.1", "localhost")]
+        self.address = f"http://{self._hosts[0]}/"
         Thread(target=self._server.serve_forever, daemon=True).start()
 
     def __call__(self, look: PictureLook) -> None:
@@ -87,14 +95,16 @@ class Page:
         handler.send_response(200)
         handler.send_header("Content-Type", kind)
         handler.send_header("Cache-Control", "no-store")
+        handler.send_header("Cross-Origin-Resource-Policy", "same-origin")
         handler.end_headers()
 
     def _stream(self, handler: BaseHTTPRequestHandler) -> None:
+        """Sends each picture; where none is new, the last one again, which ends where nobody reads it."""
         shown = 0
         while True:
             with self._new:
-                while self._number == shown:
-                    self._new.wait()
+                if self._number == shown:
+                    self._new.wait(PATIENCE_S)
                 picture, shown = self._picture, self._number
             head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
             handler.wfile.write(head.encode() + picture + b"\r\n")
@@ -104,9 +114,8 @@ def to_file(path: Path) -> Show:
     """Writes each look to a file, in place of the last one."""
 
     def show(look: PictureLook) -> None:
-        half = path.with_name(f"{path.name}.part")
-        half.write_bytes(jpeg(side_by_side(look)))
-        half.replace(path)
+        with whole(path) as file:
+            file.write(jpeg(side_by_side(look)))
 
     return show
 

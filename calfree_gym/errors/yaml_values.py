@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections import Counter
 from typing import Any
 
 _NUMBER = re.compile(
@@ -12,6 +14,10 @@ _NUMBER = re.compile(
 _LIKE_A_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)e[-+]?\d+|[-+]?0(o[0-7]+|\d+)", re.IGNORECASE)
 """What YAML 1.1 takes for text: `2e1`, `0o10`, `08`."""
 _ALLOWED = "allowed: decimal numbers such as 10, 1_000, 0.5 and 2.0e-3, and text in quotes"
+
+
+MOST_VALUES = 10**6
+"""In a text, what aliases stand for counted each time. Choice: a file has thousands."""
 
 
 class UnclearNumberError(ValueError):
@@ -25,41 +31,51 @@ def read(text: str) -> Any:
         ModuleNotFoundError: PyYAML is not installed.
         UnclearNumberError: A number is octal, to the base 60 or the like; names the path of its key, what was
             written and what is allowed.
-        yaml.YAMLError: It is no YAML, or has a key twice.
-        ValueError: A value cannot be, such as a date in a thirteenth month.
+        yaml.YAMLError: It is no YAML, has a key twice, or too many values, aliases written out.
+        ValueError: A value cannot be, such as a date in a thirteenth month; or too much is nested.
     """
     import yaml
 
-    def check(node: yaml.Node, where: str) -> None:
+    def check(node: yaml.Node, where: str) -> float:
+        """How many values a node has; infinitely many where an alias in it leads back to it."""
         if isinstance(node, yaml.ScalarNode) and node.style is None:
             is_number = node.tag.endswith((":int", ":float"))
             value = loader.construct_object(node) if is_number else None
             if unclear := _unclear(node.value, value):
                 raise UnclearNumberError(f"{where}: {unclear}".removeprefix(": "))
-        if node in checked or not isinstance(node, yaml.CollectionNode):
-            return
-        checked.add(node)  # an alias may lead back to it
+        if node in counted or not isinstance(node, yaml.CollectionNode):
+            return counted.get(node, 1)
+        counted[node] = math.inf
+        count: float = 1
         if isinstance(node, yaml.SequenceNode):
-            for i, item in enumerate(node.value):
-                check(item, f"{where}.{i}".removeprefix("."))
-            return
-        keys = [(key.tag, key.value) for key, _ in node.value]
-        for (key, value), tagged in zip(node.value, keys, strict=True):
-            if keys.count(tagged) > 1:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value!r} stands twice", problem_mark=key.start_mark
-                )
-            below = f"{where}.{key.value}".removeprefix(".")
-            check(key, below)
-            check(value, below)
+            count += sum(check(item, f"{where}.{i}".removeprefix(".")) for i, item in enumerate(node.value))
+        else:
+            keys = Counter((key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            for key, value in node.value:
+                name = key.value if isinstance(key, yaml.ScalarNode) else "?"
+                if keys[key.tag, name] > 1:
+                    raise yaml.MarkedYAMLError(
+                        problem=f"the key {name!r} stands twice", problem_mark=key.start_mark
+                    )
+                below = f"{where}.{name}".removeprefix(".")
+                count += check(key, below) + check(value, below)
+        if count > MOST_VALUES:
+            raise yaml.MarkedYAMLError(
+                problem=f"found {count} values, aliases written out; allowed: {MOST_VALUES}",
+                problem_mark=node.start_mark,
+            )
+        counted[node] = count
+        return count
 
-    checked: set[yaml.Node] = set()
+    counted: dict[yaml.Node, float] = {}
     loader = yaml.SafeLoader(text)
     try:
         node = loader.get_single_node()
         if node is not None:
             check(node, "")
         return None if node is None else loader.construct_document(node)
+    except RecursionError:
+        raise ValueError("lists or mappings are nested too deeply") from None
     finally:
         loader.dispose()
 

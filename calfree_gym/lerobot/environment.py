@@ -228,7 +228,7 @@ class LeRobotReachEnv(PictureReach):
                 that home.
         """
         known, home = knowledge.load(path, self._motors.names, self._encoders, self.unit)
-        check_limits(self._encoders, self._motors.names, home, self.unit)
+        check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
         agent.load(known)
         self._set_home(home)
         self._learned[agent] = agent.num_timesteps
@@ -253,7 +253,7 @@ class LeRobotReachEnv(PictureReach):
         self._torque.release(confirm)
 
     def _set_home(self, home: Array) -> None:
-        check_limits(self._encoders, self._motors.names, home, self.unit)
+        check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
         self.home, self._new_home = home, True
 
     def _go_home(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calfree_gym.files import check_size, whole
 from calfree_gym.lerobot.robot import Encoder
 from calfree_gym.picture_reach import Array
 
@@ -33,11 +33,9 @@ def save(
     ticks = {name: encoders[name].ticks(at) + encoders[name].offset for name, at in home.items() if encoders}
     saved = BytesIO()
     agent.save(saved)
-    half = Path(f"{path}.part")
-    with zipfile.ZipFile(half, "w") as file:
+    with whole(path) as place, zipfile.ZipFile(place, "w") as file:
         file.writestr(AGENT, saved.getvalue())
         file.writestr(HOME, json.dumps({"unit": unit, "degrees": dict(home), "ticks": ticks}))
-    os.replace(half, path)
 
 
 def load(
@@ -49,17 +47,19 @@ def load(
         FileNotFoundError: There is no such file.
         ValueError: It is none that `save` has written, or of other motors, encoders or another unit.
     """
+    content = Path(path).read_bytes()
     try:
-        with zipfile.ZipFile(path) as file:
+        with zipfile.ZipFile(BytesIO(content)) as file:
+            check_size(file)
             known, home = file.read(AGENT), json.loads(file.read(HOME))
-    except (zipfile.BadZipFile, KeyError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path} is no file that the environment's save has written: {error}") from error
-    degrees, ticks = home["degrees"], home["ticks"]
-    then, now = (list(degrees), home["unit"], bool(ticks)), (list(motors), unit, bool(encoders))
+        degrees, ticks, of_unit = dict(home["degrees"]), dict(home["ticks"]), home["unit"]
+    except Exception as error:  # what is raised on a damaged file depends on where the damage is
+        raise ValueError(f"{path} is no file that the environment's save has written: {error!r}") from error
+    then, now = (list(degrees), of_unit, bool(ticks)), (list(motors), unit, bool(encoders))
     if then != now:
         raise ValueError(f"{path} is of (motors, unit, whether there are encoders) {then}; here it is {now}")
-    here = [
-        encoders[name].degrees(ticks[name] - encoders[name].offset) if ticks else degrees[name]
-        for name in motors
-    ]
-    return BytesIO(known), np.array(here)
+    kept: dict[str, Any] = {name: (ticks or degrees).get(name) for name in motors}
+    if not all(isinstance(at, int | float) and abs(at) < 2**32 for at in kept.values()):
+        raise ValueError(f"{path} has home at {kept}; allowed: a finite number of each motor")
+    here = [encoders[name].degrees(at - encoders[name].offset) if ticks else at for name, at in kept.items()]
+    return BytesIO(known), np.array(here, float)

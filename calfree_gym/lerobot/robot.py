@@ -13,6 +13,8 @@ from calfree_gym.picture_reach import Array
 
 POSITION = ".pos"
 """How the keys of positions end."""
+HALF_TURN = 180.0
+"""In degrees."""
 FULL_TURN = 4095
 """Ticks that LeRobot takes for 360 degrees, of motors that tell no other number."""
 
@@ -155,13 +157,23 @@ def robot_motors(robot: LeRobot) -> list[str]:
     return [key.removesuffix(POSITION) for key in robot.action_features]
 
 
-def check_limits(encoders: dict[str, Encoder], motors: Sequence[str], home: Array, unit: float) -> None:
-    """Raises ValueError where a motor cannot go `unit` degrees either way from home (m,); says what to do."""
-    for name, at in zip(motors, home.tolist(), strict=True):
+def check_limits(
+    encoders: dict[str, Encoder], motors: Sequence[str], home: Array, here: Array, unit: float
+) -> None:
+    """Raises ValueError where motors that stand here (m,) cannot go `unit` degrees either way from home (m,).
+
+    Says what to do. Where limits are not known, home is at most half a turn off: it never need be farther.
+    """
+    for name, at, now in zip(motors, home.tolist(), here.tolist(), strict=True):
         if (encoder := encoders.get(name)) is None:
+            if not abs(at - now) <= HALF_TURN:
+                raise ValueError(
+                    f"motor {name} is at {at:g} degrees at home, and stands at {now:g}; allowed: "
+                    f"{HALF_TURN:g} degrees off at most. Choose another home, or bring the motor nearer to it"
+                )
             continue
         ends = encoder.ticks(at - unit), encoder.ticks(at + unit)
-        if ends[0] < encoder.low or ends[1] > encoder.high:
+        if not encoder.low <= ends[0] <= ends[1] <= encoder.high:
             raise ValueError(
                 f"motor {name} is at {encoder.ticks(at):.0f} ticks at home; {unit:g} degrees either way lead "
                 f"to {ends[0]:.0f} and {ends[1]:.0f}, beyond its {encoder.low} to {encoder.high}. Choose a "

@@ -66,9 +66,22 @@ def test_what_is_unclear_is_refused_wherever_it_stands(text, said):
         assert said in str(error.value)
 
 
-def test_a_list_within_itself_is_read():
-    (inner,) = read("&a [*a]")
-    assert inner is inner[0]
+MERGED = "".join(f"k{i}: &k{i} {{<<: [*k{i - 1}, *k{i - 1}]}}\n" for i in range(1, 40))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("&a [*a]", "found inf values, aliases written out; allowed: 1000000"),
+        ("k0: &k0 {a: 1}\n" + MERGED, r"found \d{7} values, aliases written out"),
+        ("k0: &k0 {a: 1}\n" + MERGED + "? [*k39]\n: 1", r"found \d{7} values"),
+        ("[" * 3000, "nested too deeply"),
+    ],
+    ids=["cycle", "merges", "key", "deep"],
+)
+def test_what_would_fill_memory_or_take_for_ever_is_refused(text, said):
+    with pytest.raises((ValueError, yaml.YAMLError), match=said):
+        read(text)
 
 
 def test_files_of_marks_are_read_so(tmp_path):

@@ -8,12 +8,16 @@ from zipfile import ZipFile
 
 import torch
 
+from calfree_gym.files import check_size
+
 from ...base.checks import check_number
 from ...base.storage import AgentFile, content, written
 
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1
 _FOREIGN_HEADER, _VARIABLES = "data", "pytorch_variables.pth"
+_READ = (_HEADER, _FOREIGN_HEADER, ".pt", ".pth")
+"""How the names of what is read end; the rest stays packed."""
 
 
 class Saved(NamedTuple):
@@ -58,10 +62,12 @@ def read(path: AgentFile, trusted: bool = False) -> Saved:
     found_bytes = content(path)
     try:
         with ZipFile(io.BytesIO(found_bytes)) as archive:
-            entries = {name: archive.read(name) for name in archive.namelist()}
+            check_size(archive)
+            names = archive.namelist()
+            entries = {name: archive.read(name) for name in names if name.endswith(_READ)}
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved learner: {error!r}") from error
-    header = _header(path, entries)
+    header = _header(path, names, entries)
     found = {
         name: _tensors(path, name, content, trusted)
         for name, content in entries.items()
@@ -104,12 +110,12 @@ def check_finite(parameters: Any) -> None:
             raise ValueError(f"{name} holds a number that is not finite")
 
 
-def _header(path: AgentFile, entries: Mapping[str, bytes]) -> dict[str, Any]:
+def _header(path: AgentFile, names: list[str], entries: Mapping[str, bytes]) -> dict[str, Any]:
     """The JSON header: ours, or stable-baselines3's, whose pickles stay the texts that they are in JSON."""
     ours = _HEADER in entries and _PARAMETERS in entries
     if not ours and not {_FOREIGN_HEADER, "policy.pth"} <= entries.keys():
         raise ValueError(
-            f"{path} holds {', '.join(sorted(entries)) or 'nothing'}; a saved learner holds {_HEADER} and "
+            f"{path} holds {', '.join(sorted(names)) or 'nothing'}; a saved learner holds {_HEADER} and "
             f"{_PARAMETERS}, or, of stable-baselines3, {_FOREIGN_HEADER} and policy.pth"
         )
     try:

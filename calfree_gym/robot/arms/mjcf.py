@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import graphlib
 import hashlib
+import html
 import itertools
 import math
 import os
@@ -31,6 +33,8 @@ _KINDS = {
 """What has files: what a compiled model calls it, and which folder of its compiler the files are in."""
 _TAKES_FROM_OTHERS = re.compile(r"<(include|model|flexcomp)\b")
 """Elements whose files become part of the model's text."""
+_FILE = re.compile(r"""\bfile\s*=\s*(?=(["'])([^\0]{1,4096}?)\1)""")
+"""What names a file, also in what looks like a comment: in a quote it would be none."""
 
 
 def read(source: Source) -> tuple[str, dict[str, str]]:
@@ -78,6 +82,7 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
     Raises:
         ValueError: It cannot be compiled.
     """
+    _check_circles(TEXT, text, Path())
     spec = mujoco.MjSpec.from_string(text)
     _keep_all(spec)
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
@@ -111,13 +116,31 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
         path = Path(source)
         if not path.is_file():
             raise ValueError(f"{path}: there is no such MJCF file")
-        what, folder = str(path), path.parent
+        what, folder, text = str(path), path.parent, path.read_text(errors="replace")
+    _check_circles(what, text, folder)
     try:
         if what == TEXT:
             return mujoco.MjSpec.from_string(text), what, folder
         return mujoco.MjSpec.from_file(str(source)), what, folder
     except ValueError as error:
         raise ValueError(f"{what} is no MJCF that MuJoCo can read: {error}") from error
+
+
+def _check_circles(what: str, text: str, folder: Path) -> None:
+    """Raises ValueError where a model takes itself from a file, by whatever way round: MuJoCo would crash."""
+    graph: dict[str, list[str]] = {}
+    waiting = [(os.path.realpath(what), text)]
+    while waiting:
+        file, text = waiting.pop()
+        graph[file] = []
+        for _, name in _FILE.findall(text) if _TAKES_FROM_OTHERS.search(text) else ():
+            places = (os.path.join(each, html.unescape(name)) for each in (os.path.dirname(file), folder))
+            graph[file] += [os.path.realpath(place) for place in places if os.path.isfile(place)][:1]
+        waiting += [(each, Path(each).read_text(errors="replace")) for each in {*graph[file]} - graph.keys()]
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        raise ValueError(f"{what} is made of itself: {' names '.join(error.args[1][::-1])}") from None
 
 
 def _files(spec: Any) -> Iterator[tuple[Any, str]]:

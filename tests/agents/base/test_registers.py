@@ -126,6 +126,27 @@ def test_a_saved_agent_knows_its_encoders(tmp_path):
     assert not np.array_equal(other, saved)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("other", [np.nan, 1.0, 1.0], "the share of words is nan"),
+        ("other", [0.0, 1.0, 1.0], "the share of words is 0.0; it must be a number, 0.5 or more, at most 1"),
+        ("other", [1.0, 0.0, 1.0], "the step of registers is 0.0"),
+        ("other", [1.0, 1.0, np.inf], "the farthest register is inf"),
+        ("other", [1.0, 1.0], "have shape"),
+        ("resting", [np.nan], "not finite"),
+        ("errors", ["0.1"], "of type <U3; they must be real numbers"),
+        ("shares", [1j], "of type complex128"),
+        ("in_a_row", [[1e300, 0.0]], r"hold 1e\+300; at most 1e\+100 is allowed"),
+    ],
+)
+def test_damaged_encoders_are_refused(name, value, said):
+    arrays = Encoders().arrays()
+    Encoders.of(arrays)
+    with pytest.raises(ValueError, match=said):
+        Encoders.of(arrays | {f"registers.{name}": np.array(value)})
+
+
 def test_words_make_up_for_what_motors_usually_fall_short():
     motors = Motors(0, short=0.2)
     motors.wander(10)

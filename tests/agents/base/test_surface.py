@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import agents
+from calfree_gym import files
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.agents.neural.quick import QUICK
 from tests.agents.trials import motions_of
@@ -158,7 +159,7 @@ def test_an_agent_goes_on_observing_after_it_has_arrived():
     assert info["truth"]["error_px"] < 8
 
 
-def test_damaged_and_foreign_files(tmp_path):
+def test_damaged_and_foreign_files(tmp_path, monkeypatch):
     file, table, servo = tmp_path / "file.npz", make("grid_table")[0], make("unified_servo")[0]
 
     def refuses(agent, message):
@@ -182,6 +183,28 @@ def test_damaged_and_foreign_files(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros(3))
     (tmp_path / "array.npy").rename(file)
     refuses(table, "no saved agent")
+    monkeypatch.setattr(files, "MOST_BYTES", 10)
+    file.write_bytes(whole)
+    with pytest.raises(ValueError, match="damaged") as raised:
+        table.load(file)
+    assert "unpacked; allowed: 10" in str(raised.value.__cause__)
+
+
+def test_a_file_is_written_whole_or_not_at_all_and_through_no_link(tmp_path):
+    """Nothing beside it has a name that anybody could foresee; its mode is that of any file."""
+    (tmp_path / "other").write_text("stays")
+    for name in ("agent.npz.partial", "agent.npz.part"):
+        (tmp_path / name).symlink_to("other")
+    (tmp_path / "agent.npz").write_text("before")
+    with pytest.raises(TypeError), files.whole(tmp_path / "agent.npz") as file:
+        file.write("no bytes")
+    assert (tmp_path / "agent.npz").read_text() == "before"
+    with files.whole(tmp_path / "agent.npz") as file:
+        file.write(b"after")
+    assert (tmp_path / "agent.npz").read_text() == "after"
+    assert (tmp_path / "agent.npz").stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert (tmp_path / "other").read_text() == "stays"
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 @pytest.mark.parametrize("trained", ["text", "sac"])

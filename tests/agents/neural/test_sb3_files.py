@@ -13,6 +13,7 @@ import stable_baselines3
 import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from calfree_gym import files
 from tests.agents.neural.sb3_learners import make, weights
 
 
@@ -37,6 +38,18 @@ def test_files_of_other_learners_are_refused(tmp_path):
         archive.writestr("readme.txt", "nothing")
     with pytest.raises(ValueError, match=r"holds readme.txt; a saved learner holds calfree.json"):
         make().load(saved)
+
+
+def test_what_is_not_needed_stays_packed_and_what_is_too_large_is_refused(tmp_path, monkeypatch):
+    make().save(tmp_path / "sac.zip")
+    with zipfile.ZipFile(tmp_path / "sac.zip", "a") as archive:
+        archive.writestr("extra", b"damaged later")
+    content = (tmp_path / "sac.zip").read_bytes()
+    (tmp_path / "sac.zip").write_bytes(content.replace(b"damaged", b"DAMAGED", 1))
+    make().load(tmp_path / "sac.zip")
+    monkeypatch.setattr(files, "MOST_BYTES", 1000)
+    with pytest.raises(ValueError, match=r"it has \d+ bytes unpacked; allowed: 1000"):
+        make().load(tmp_path / "sac.zip")
 
 
 class Bomb:

@@ -207,3 +207,8 @@ def test_a_file_of_a_version_that_kept_less_leaves_nothing_of_this_life():
     assert all(np.array_equal(value, new[name], equal_nan=True) for name, value in lived.arrays().items())
     lived.restore(kept)
     assert lived.gating.counts.tolist() == [9, 3]
+
+
+def test_counts_beyond_any_life_are_refused():
+    with pytest.raises(ValueError, match=r"mistaken hold 1e\+300; at most 9.0072e\+15 is allowed"):
+        ObservationFilter().restore({"mistaken": np.full(2, 1e300)})

@@ -1,6 +1,11 @@
 """`calfree check`, `watch`, `marks` and `pick`, on the bench: nothing moves."""
 
+import http.client
+import socket
 import sys
+import threading
+import time
+import urllib.parse
 import urllib.request
 from types import SimpleNamespace
 
@@ -111,6 +116,43 @@ def test_a_camera_that_is_gone_ends_watch(robot, capsys):
     robot.cameras["left"].unplugged = True
     assert calfree(["watch", "--port=0"], robot) == 1
     assert "OpenCVCamera(left) latest frame is too old" in capsys.readouterr().err
+
+
+@pytest.fixture
+def page(monkeypatch):
+    monkeypatch.setattr("calfree_gym.cli.watch.PATIENCE_S", 0.1)
+    page = Page(0)
+    page._picture, page._number = b"picture", 1
+    yield page
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [("127.0.0.1:{}", 200), ("localhost:{}", 200), ("evil.example:{}", 403), ("127.0.0.1", 403), ("", 403)],
+)
+def test_the_page_is_shown_under_no_other_name_and_within_no_other_page(page, host, status):
+    port = urllib.parse.urlsplit(page.address).port
+    asking = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    for path in ("/", "/stream"):
+        asking.request("GET", path, headers={"Host": host.format(port)})
+        answer = asking.getresponse()
+        assert answer.status == status
+        assert answer.headers["Cross-Origin-Resource-Policy"] == ("same-origin" if status == 200 else None)
+        asking.close()
+
+
+def test_no_thread_is_left_of_who_has_gone_or_asks_for_nothing(page):
+    address, before = ("127.0.0.1", urllib.parse.urlsplit(page.address).port), threading.active_count()
+    silent = socket.create_connection(address)
+    for _ in range(5):
+        with urllib.request.urlopen(f"{page.address}stream", timeout=10) as stream:
+            stream.read(5)
+    until = time.monotonic() + 20
+    while threading.active_count() > before and time.monotonic() < until:
+        time.sleep(0.05)
+    assert threading.active_count() <= before
+    silent.close()
 
 
 def test_the_page_shows_what_was_seen_last(robot):

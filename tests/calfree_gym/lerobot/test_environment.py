@@ -1,6 +1,8 @@
 """The environment over a robot: what it sends, looks at, and refuses before anything moves."""
 
+import json
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 import agents
 from calfree_gym.lerobot import LeRobotReachEnv
 from calfree_gym.lerobot.motors import AHEAD, RATE
+from calfree_gym.lerobot.robot import check_limits
 from calfree_gym.vision import Marks, StereoTracker
 from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 from tests.calfree_gym.lerobot.so101 import MOTORS
@@ -97,6 +100,47 @@ class Wrapping(FakeSO101):
     def __init__(self):
         super().__init__()
         self.world.zeros[2] += 100 - self.bus.ticks()[2]
+
+
+@pytest.mark.parametrize(
+    ("home", "said"),
+    [
+        ("[" * 100_000, "is no file that the environment's save has written: RecursionError"),
+        ([], "is no file that the environment's save has written: TypeError"),
+        ({"degrees": 3}, "is no file that the environment's save has written: TypeError"),
+        ({"ticks": {"shoulder_pan": 2048}}, "'elbow_flex': None.*; allowed: a finite number of each motor"),
+        ({"ticks": dict.fromkeys(MOTORS[:5], float("nan"))}, "'elbow_flex': nan"),
+        ({"ticks": dict.fromkeys(MOTORS[:5], 10**400)}, "'elbow_flex': 10000"),
+        ({"ticks": dict.fromkeys(MOTORS[:5], "2048")}, "'elbow_flex': '2048'"),
+        ({"ticks": dict.fromkeys(MOTORS[:5], 10**6)}, "motor shoulder_pan is at 1000000 ticks at home"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_file_of_knowledge_whose_home_is_damaged_is_refused_and_changes_nothing(
+    bench, tmp_path, home, said
+):
+    env, path = bench().env, tmp_path / "knowledge"
+    agent, stood = Counting(env), env.home
+    env.save(agent, path)
+    with zipfile.ZipFile(path) as file:
+        known, saved = file.read("agent"), json.loads(file.read("home.json"))
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("agent", known)
+        home = saved | home if isinstance(home, dict) else home
+        file.writestr("home.json", home if isinstance(home, str) else json.dumps(home))
+    with pytest.raises(ValueError, match=said):
+        env.load(agent, path)
+    assert env.home is stood
+
+
+@pytest.mark.parametrize("at", [7200.0, -181.0, float("nan")])
+def test_without_encoders_home_is_at_most_half_a_turn_off(at):
+    here = np.array([10.0, 0.0])
+    check_limits({}, ["pan", "lift"], here + np.array([180, -180]), here, 45)
+    with pytest.raises(
+        ValueError, match=rf"motor lift is at {at:g} degrees at home, and stands at 0; allowed"
+    ):
+        check_limits({}, ["pan", "lift"], np.array([10.0, at]), here, 45)
 
 
 class Absent(FakeSO101):

@@ -155,3 +155,14 @@ def test_a_missing_model_is_named(what, files):
         ValueError, match=r"arm.xml is no MJCF that MuJoCo can read: [^']*'.*no.xml'\nElement '"
     ):
         read(model(files / "arm/arm.xml", what, '<geom size="1"/>'))
+
+
+@pytest.mark.parametrize("named", ["hand.xml", "../arm/&#97;rm.xml"])
+def test_a_model_that_is_made_of_itself_is_refused(named, files, monkeypatch):
+    """MuJoCo would end the process."""
+    monkeypatch.chdir(files / "arm")
+    arm = with_hand(files, "../hand/hand.xml")
+    model(files / "hand/hand.xml", f'<model name="h" file="{named}"/>', '<geom size="1"/>')
+    for take, source in ((read, arm), (read, arm.read_text()), (compiled, arm.read_text())):
+        with pytest.raises(ValueError, match=r"is made of itself: .*hand\.xml names "):
+            take(source)
