@@ -12,7 +12,6 @@ import pytest
 
 import calfree_gym
 from calfree_gym.image import PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Renderer, View
 from tests.arms.own import MODELS
 from tests.calfree_gym.environments import assert_same, kinematic, make
 
@@ -24,7 +23,6 @@ SECONDS = 60
 
 
 def seen_with(grains, observation):
-    """What is first seen of an arm above so many grains, which none sees; with points a frame, too."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "hobby.xml"))
     for place in np.random.default_rng(0).uniform(-1e-3, 1e-3, (grains, 3)) - [0, 0, 0.3]:
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[5e-4, 0, 0], pos=place)
@@ -56,30 +54,7 @@ def test_a_model_of_many_geoms_is_drawn_whole(observation, grains):
             np.testing.assert_allclose(seen[name], without, atol=0.1 / PIXELS_PER_UNIT)
 
 
-def test_a_scene_grows_for_whatever_there_is_to_draw(tmp_path, monkeypatch):
-    """Here for a rope of 1,500 pieces, behind which a red one would be left out."""
-    monkeypatch.chdir(tmp_path)  # where MuJoCo tells that a scene is full
-    sites = "".join(f'<site name="{name}" pos="{place}"/>' for name, place in SITES.items())
-    rope = '<site site="a"/><site site="b"/>' * 750
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><worldbody><camera name="eye" pos="0 0 1"/>{sites}</worldbody><tendon>'
-        f'<spatial width=".02">{rope}</spatial>'
-        '<spatial width=".02" rgba="1 0 0 1"><site site="c"/><site site="d"/></spatial></tendon></mujoco>'
-    )
-    data, eye = mujoco.MjData(model), mujoco.MjvCamera()
-    mujoco.mj_forward(model, data)
-    eye.type, eye.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
-    renderer = Renderer(model, data, 64)
-    red, green, _ = np.moveaxis(renderer.draw([View(eye, 64, 64)], ())[0][0].astype(int), -1, 0)
-    renderer.close()
-    assert np.count_nonzero(red > green + 50) > 20
-
-
-SITES = {"a": "-.2 .1 0", "b": ".2 .1 0", "c": "-.2 -.1 0", "d": ".2 -.1 0"}
-
-
 def drawn_by(run):
-    """Images of two environments after each of two motions, which `run` makes; and a frame of each."""
     envs = [make(observation="rgb", image_size=64, **FRAMES) for _ in range(2)]
     looks = [env.reset(seed=seed)[0] for seed, env in enumerate(envs)]
     words = np.array([0.2, -0.1, 0.1], np.float32)
@@ -95,7 +70,6 @@ def here(task, envs):
 
 
 def by_a_thread_each(task, envs):
-    """The same, each in a new thread, one after the other."""
     done = []
     for env in envs:
         thread = Thread(target=lambda env=env: done.append(task(env)))
@@ -105,7 +79,6 @@ def by_a_thread_each(task, envs):
 
 
 def by_a_pool(task, envs):
-    """The same in threads side by side."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(task, envs))
 
@@ -116,7 +89,6 @@ def test_any_thread_draws_the_same(run):
 
 
 def ended(code, *arguments):
-    """What a process that does not wait for ever writes."""
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=True).stdout
 
@@ -151,7 +123,6 @@ def test_copies_of_a_process_that_drew_say_so_and_do_not_wait_for_ever(context, 
 
 @FORKS
 def test_copies_of_a_process_end_well_whatever_they_throw_away():
-    """Of environments that drew, or have threads, which are not in the copy; closed or left to Python."""
     code = (
         "import gc, os, gymnasium as gym, calfree_gym\n"
         "drew, left = (gym.make('CalFree/Reach-v0', observation='rgb', image_size=64) for _ in range(2))\n"

@@ -1,6 +1,11 @@
 """The environment over a robot: what it sends, looks at, and refuses before anything moves."""
 
+import gc
 import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,7 +42,6 @@ def test_no_goal_is_far_ahead_of_the_arm_even_where_it_does_not_follow(bench):
 
 
 def test_what_is_looked_at_was_exposed_after_the_arm_had_settled(bench):
-    """Against the simulated exposures: the cameras' pipelines are 60 and 120 ms long."""
     bench = bench()
     env, cameras = bench.env, bench.robot.cameras.values()
     env.reset()
@@ -73,8 +77,6 @@ def test_images_end_where_the_space_says_and_points_are_in_halves_of_the_longer_
 
 
 class Percent(FakeSO101):
-    """Whose positions are no degrees."""
-
     def __init__(self):
         super().__init__()
         self.config.use_degrees = False
@@ -92,8 +94,6 @@ class Clipped(FakeSO101):
 
 
 class Wrapping(FakeSO101):
-    """One of whose horns was screwed on so that its encoder wraps near home."""
-
     def __init__(self):
         super().__init__()
         self.world.zeros[2] += 100 - self.bus.ticks()[2]
@@ -157,8 +157,6 @@ def test_marks_are_colours_a_file_or_a_tracker(bench, tmp_path):
 
 
 class Counting:
-    """Learns how many motions it has made."""
-
     num_timesteps = 0
 
     def __init__(self, env):
@@ -218,3 +216,137 @@ def test_a_file_of_knowledge_that_does_not_fit_is_refused(bench, tmp_path):
         env.load(agent, tmp_path / "other")
     with pytest.raises(FileNotFoundError):
         env.load(agent, tmp_path / "missing")
+
+
+def stand(robot, env):
+    """Registers of where motors stand (5,)."""
+    at = robot.bus.sync_read("Present_Position", MOTORS[:5])
+    return (np.array([*at.values()]) - env.home) / env.unit
+
+
+def test_a_sagging_arm_tells_what_it_was_told(ready):
+    env = ready.env
+    told, short, rng = np.zeros(5), [], np.random.default_rng(0)
+    for _ in range(8):
+        words = np.clip(told + rng.uniform(-0.3, 0.3, 5), -0.4, 0.4) - told
+        told = told + words.astype(np.float32)
+        observation, *_ = env.step(words)
+        np.testing.assert_allclose(observation["observation"][4:], told, atol=1e-5)
+        short.append(told - stand(ready.robot, env))
+    assert env.unit * np.abs(short).max() > 0.8, "it does sag"
+
+
+@pytest.mark.parametrize(("word", "stays"), [(0.3, True), (0.07, True), (0.02, False)])
+def test_a_jammed_motor_tells_where_it_stands_and_the_others_what_they_were_told(ready, word, stays):
+    env = ready.env
+    ready.robot.jam("wrist_flex")
+    observation, *_ = env.step(np.array([0, 0, 0, word, 0.02]))
+    registers = observation["observation"][4:]
+    if stays:
+        assert registers[3] == pytest.approx(stand(ready.robot, env)[3], abs=0.01)
+        assert abs(ready.robot.goals_ahead()[3]) < 0.5, "it does not push"
+    else:
+        assert registers[3] == pytest.approx(word)
+    assert registers[4] <= 0.02 + 1e-6
+
+
+def test_an_arm_that_has_met_something_stops_as_a_whole(ready):
+    env = ready.env
+    ready.robot.jam("shoulder_pan")
+    words = np.array([0.5, 0, 0, 0.5, 0.5])
+    observation, *_ = env.step(words)
+    executed = observation["observation"][4:][[0, 3, 4]] / 0.5
+    assert executed[0] < 0.1
+    assert (executed < 0.9).all()
+
+
+def test_a_motor_is_given_three_times_what_it_usually_lacks(ready):
+    motors = ready.env._motors
+    for usual, far in ((0.2, 2.0), (1.0, 3.0)):
+        for known in motors._usual:
+            known.clear()
+            known.extend([usual] * 9)
+        for short in (0.9 * far, 1.1 * far):
+            motors.here = motors.goal - short
+            assert motors.stay_back.all() == (short > far)
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def over(power):
+    robot = FakeSO101(power=power)
+    return robot, LeRobotReachEnv(robot, ("left", "right"))
+
+
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGKILL", "exit"])
+def test_torque_stays_on_however_the_process_ends(ending, tmp_path):
+    power = tmp_path / "power"
+    command = [sys.executable, "-m", "tests.calfree_gym.lerobot.moving", str(power), ending]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == {"SIGINT": -2, "SIGKILL": -9, "exit": 3}[ending], done.stderr
+    assert float((tmp_path / "power.moving").read_text()) > 0.005, "it was on its way"
+    assert power.read_text() == "on"
+
+
+def test_lerobot_would_have_switched_it_off(tmp_path):
+    power = tmp_path / "power"
+    robot = FakeSO101(power=power)
+    robot.connect(calibrate=False)
+    assert power.read_text() == "on"
+    del robot
+    gc.collect()
+    assert power.read_text() == "off"
+
+
+def test_torque_stays_on_where_an_environment_is_closed_or_forgotten(tmp_path):
+    power = tmp_path / "power"
+    robot, env = over(power)
+    with env:
+        pass
+    assert not robot.is_connected, "it has connected the robot"
+    del env, robot
+    gc.collect()
+    assert power.read_text() == "on"
+
+
+def test_a_robot_that_was_connected_stays_so():
+    robot = FakeSO101()
+    robot.connect(calibrate=False)
+    LeRobotReachEnv(robot, ("left", "right")).close()
+    assert robot.is_connected
+
+
+def test_torque_goes_once_it_is_confirmed_that_the_arm_is_supported(tmp_path):
+    power = tmp_path / "power"
+    robot, env = over(power)
+
+    def nobody(question):
+        raise EOFError
+
+    with pytest.raises(EOFError):
+        env.release(nobody)
+    assert robot.is_connected
+    assert power.read_text() == "on"
+    asked = []
+    env.release(asked.append)
+    assert "Support the arm" in asked[0]
+    assert not robot.is_connected
+    assert power.read_text() == "off"
+
+
+def test_a_robot_whose_torque_nobody_can_keep_is_told():
+    robot = FakeSO101()
+    robot.config = SimpleNamespace(id="other")
+    with pytest.warns(UserWarning, match="its motors may lose their torque"):
+        LeRobotReachEnv(robot, ("left", "right"))
+
+
+def test_a_hold_needs_no_reading_and_pulls_no_sagging_motor_up(ready):
+    robot, motors = ready.robot, ready.env._motors
+    before, motors.here = motors.goal.copy(), motors.here + np.array([0, 0, 5.0, 0, 0])
+    robot.get_observation = None
+    motors.hold()
+    expected = before.copy()
+    expected[2] = motors.here[2]
+    np.testing.assert_allclose(motors.goal, expected)

@@ -42,18 +42,6 @@ def test_rows_of_a_vector_draw_each_their_own_and_are_the_same_alone():
         np.testing.assert_array_equal(row[0][1], alone.step(action)[0])
 
 
-@pytest.mark.slow
-def test_rows_in_processes_of_their_own_are_the_same_to_the_bit():
-    made = [
-        gym.make_vec("Reacher-v5", 2, mode, vector_kwargs=kwargs, wrappers=[knocked])
-        for mode, kwargs in (("sync", None), ("async", {"context": "spawn"}))
-    ]
-    one, other = map(life, made)
-    for first, second in zip(one, other, strict=True):
-        np.testing.assert_array_equal(first[0], second[0])
-        np.testing.assert_array_equal(first[-1]["perturbed"], second[-1]["perturbed"])
-
-
 def test_it_can_be_made_again_from_its_spec():
     env = Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1, late=[()])
     assert env.spec.additional_wrappers[-1].kwargs["schedule"][0]["at"] == {"motion": 2}

@@ -18,7 +18,6 @@ OBJECT = (0.42, 0.05, 0.12)
 
 @pytest.fixture(scope="module")
 def look(opengl):
-    """Gives the images, left and right, of a world, and the object's place in them in pixels."""
     env = kinematic(world=STILL, camera_mount="stand", observation="rgb", image_size=512).unwrapped
 
     def images(world):

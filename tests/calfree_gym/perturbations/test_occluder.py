@@ -22,7 +22,6 @@ COLLIDING = '<worldbody><geom type="box" size=".1 .1 .01" pos="2 {} 0"/>'
 
 @pytest.fixture(params=["RV-M2", "gantry", "room"])
 def robot(request):
-    """The RV-M2, an arm, or one in a room whose boxes MuJoCo keeps in a tree of bounding boxes."""
     if request.param == "RV-M2":
         return MOVEMASTER
     if request.param == "gantry":
@@ -34,8 +33,6 @@ def robot(request):
 
 
 class Rays:
-    """Rays that the occluder alone can stop, in the scene of one arm."""
-
     def __init__(self, robot):
         self.simulation = KinematicSimulation(1, robot, robot.mounts("stand"), threads=1)
         self.picture = self.simulation.picture()
@@ -87,7 +84,6 @@ def test_rays_see_occluders_of_any_size_anywhere(robot):
 
 
 def test_an_occluder_that_is_not_there_leaves_the_extent_of_a_small_arm():
-    """Near plane and precision of depths follow from it."""
     robot = arm_named("hobby").robot
     assert robot.scene(robot.mounts("stand")).model.stat.extent < 0.5
 
@@ -171,7 +167,6 @@ def test_environments_with_occlusion_see_less_in_that_camera(camera):
 
 
 def test_a_trial_ends_only_where_all_is_seen():
-    """The gripper goes to objects that an occluder hides: it gets there, and no rendezvous is told."""
     there = Occluder("left", 0.3, 0.4).change(nominal())
     env = on_a_stand(there, occlusion=True)
     _, points = work_space(there, MOVEMASTER)
@@ -190,7 +185,6 @@ def test_a_trial_ends_only_where_all_is_seen():
 
 
 def test_it_stands_in_the_images_of_a_grasp_too():
-    """The object's geoms are written anew for every picture; the post stays what it is."""
     env = make("Grasp", observation="pixels", camera_mount="stand", image_size=128)
     before = env.reset(seed=0)[0]["pixels"]
     assert (env.reset(seed=0)[0]["pixels"] == before).all()

@@ -1,5 +1,6 @@
 """Perturbations against what they mean for the images."""
 
+import json
 import textwrap
 from dataclasses import replace
 from types import SimpleNamespace
@@ -177,7 +178,6 @@ def test_a_drift_is_slow_and_keeps_its_direction(name):
 
 
 def test_a_replaced_camera_is_of_its_worlds_kind():
-    """In wilder worlds no camera has square pixels; in all others all have."""
     for name, wilder in (("wild", False), ("nominal", False), ("wilder", True)):
         world = WorldDistribution(name).sample(1)
         there = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5}).change(world)
@@ -185,20 +185,6 @@ def test_a_replaced_camera_is_of_its_worlds_kind():
         assert (there.camera_position[0] != world.camera_position[0]).all()
         for field, square in (("pixel_aspect", 1), ("lens_k2", 0), ("principal_point", 0)):
             assert np.all(getattr(there, field)[0] != square) == wilder
-
-
-@pytest.mark.slow
-def test_a_camera_that_is_replaced_slowly_gets_there():
-    sudden = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5})
-    world, other = nominal(), sudden.change(nominal())
-    far = np.linalg.norm(other.camera_position - world.camera_position)
-    for _ in range(100):
-        world = sudden.drift(world)
-    left = np.linalg.norm(other.camera_position - world.camera_position)
-    assert left == pytest.approx(0.99**100 * far)
-    for _ in range(2000):
-        world = sudden.drift(world)
-    assert_same(world, other)
 
 
 @pytest.mark.parametrize("name", sorted(TYPES))
@@ -211,7 +197,7 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     assert name == "motor_sign" or one != other
     assert parse_perturbation(perturbation.to_dict()) == perturbation
     drawn = perturbation.drawn(RNG(1))
-    assert parse_perturbation(drawn.to_dict()) == drawn
+    assert parse_perturbation(json.loads(json.dumps(drawn.to_dict()))) == drawn
     assert drawn.change(built, perturbation.built) == one
 
 
@@ -220,10 +206,7 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     [
         ({"type": "camera_rol"}, "camera_rol.*did you mean camera_roll"),
         ({"type": "camera_roll", "degree": 3}, "'degree'.*did you mean degrees.*camera, degrees"),
-        (
-            {"type": "camera_roll", "camera": 0},
-            "camera is 0; it must name one of the robot's cameras",
-        ),
+        ({"type": "camera_roll", "camera": 0}, "camera is 0; it must name one of the robot's cameras"),
         ({"type": "camera_roll", "degrees": "30"}, "degrees is '30'; it must be a number"),
         ({"type": "camera_roll", "degrees": float("nan")}, "must be finite"),
         ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be a number from 0.001 to 1000"),
@@ -238,6 +221,7 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
         ({"type": "blur", "px": -0.1}, "px is -0.1; it must be a number from 0 to 20"),
         ({"type": "image_noise", "levels": 31}, "levels is 31; it must be a number from 0 to 30"),
         ({"type": "occluder", "share": 0.9}, "share is 0.9; it must be a number from 0 to 0.8"),
+        ({"type": "backlash", "degrees": -1}, "backlash.degrees is -1; it must be a number from 0 to 45"),
         ({"type": "register_noise", "px": 1}, "'px'; register_noise allows: registers"),
         ({"type": "register_step", "registers": -1}, "registers is -1; it must be a number from 0 to 1"),
         ({"type": "shortfall", "share": 0.95}, "share is 0.95; it must be a number from 0 to 0.9"),

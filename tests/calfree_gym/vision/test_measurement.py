@@ -57,7 +57,6 @@ def test_outliers_and_dropout_change_no_other_draw():
 
 @pytest.mark.parametrize("late", [1, 3])
 def test_latency_delays_points_and_flags_and_nothing_else(late):
-    """The delayed environment's observations are the prompt one's, so many motions later."""
     words = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
     series_of = {}
     for latency in (0, late):
@@ -80,18 +79,6 @@ def test_latency_delays_points_and_flags_and_nothing_else(late):
             assert reward == env.compute_reward(*goals, info)
             assert terminated == info["is_success"] == env.compute_terminated(*goals, info)
             assert info["truth"]["error_px"] == same_time[3]["truth"]["error_px"]
-
-
-def test_privileged_quantities_are_true_and_only_there_on_request():
-    names = ("joint_angles", "joint_zeros", "gripper_position")
-    env = make(tell=names).unwrapped
-    env.reset(seed=2)
-    observation, *_, info = env.step(np.full(3, 0.05))
-    assert env.observation_space.contains(observation)
-    np.testing.assert_allclose(observation["joint_angles"], info["truth"]["joints"], atol=1e-6)
-    np.testing.assert_allclose(observation["gripper_position"], info["truth"]["gripper"], atol=1e-6)
-    np.testing.assert_allclose(observation["joint_zeros"], env.world.joint_zeros, atol=1e-6)
-    assert set(make().reset(seed=2)[0]) == {"achieved_goal", "desired_goal", "observation"}
 
 
 def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
@@ -130,7 +117,6 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
 
 
 def test_outliers_and_dropout_are_independent_of_each_other():
-    """All pairs of a point's outlier in one motion and a point's dropout in another, over many seeds."""
     rows, motions = 1500, 16
     model = MeasurementModel(rows)
     world = replace(nominal(), point_noise=0.0, point_outliers=0.5, point_dropout=0.5)

@@ -18,14 +18,12 @@ from tests.calfree_gym.robot.arms.test_arm import CHAIN
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """The folder with all files, in which we are."""
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def of_mujoco(source):
-    """What MuJoCo makes of the same source, with nothing dropped."""
     if isinstance(source, mujoco.MjSpec):
         spec = source.copy()
     elif str(source).startswith("<"):
