@@ -17,7 +17,7 @@ from calfree_gym import world as worlds
 from calfree_gym.perturbations import TYPES
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS
-from tests.calfree_gym.environments import OF_ARMS, alone, assert_same, kinematic, make, together
+from tests.calfree_gym.environments import OF_ARMS, alone, assert_same, make, together
 from tests.calfree_gym.robot.one_motor import FIELDS
 
 SEEDS = [3, 14, 15, 92, 6]
@@ -93,6 +93,7 @@ CASES = {
         )
         for dynamics in ("kinematic", "physics")
     },
+    "Reach pool": ("Reach", 0.2, {"dynamics": "kinematic", "redraw": "trial", "pool": 3}),
     "SafeReach": ("SafeReach", 1.0, {}),
     "Grasp": ("Grasp", 0.3, {}),
     "Grasp any": ("Grasp", 0.1, {"orientation": "any"}),
@@ -205,26 +206,6 @@ def test_a_trial_is_as_in_its_world_whatever_was_knocked_before(task, trials, kn
         for first, second in (looks[:2], looks[2:]):
             assert_same(first[0], second[0])
     assert set(seen) == set(range(SIZE)) or trials < 10
-
-
-def test_rows_take_worlds_as_single_environments_do():
-    rows = kinematic(4, redraw="trial", pool=SIZE, max_episode_steps=3)
-    single = [made("Reach", redraw="trial", pool=SIZE) for _ in range(4)]
-    seen, _ = rows.reset(seed=5)
-    taken = []
-    for _ in range(6):
-        for row, env in enumerate(single):
-            first, _ = env.reset(seed=5 + row if not taken else None)
-            np.testing.assert_array_equal(first["achieved_goal"], seen["achieved_goal"][row])
-        taken.append([each.camera_position.tobytes() for each in rows.unwrapped.worlds])
-        assert taken[-1] == [env.world.camera_position.tobytes() for env in single]
-        for _ in range(4):  # the last one resets
-            seen, *_ = rows.step(np.zeros((4, 3), np.float32))
-        for env in single:
-            for _ in range(3):
-                env.step(np.zeros(3, np.float32))
-    assert len({*np.ravel(taken)}) == SIZE
-    assert len({tuple(each) for each in taken}) > 1
 
 
 @pytest.mark.parametrize(

@@ -119,21 +119,3 @@ except RuntimeError as error:
 )
 def test_copies_of_a_process_that_drew_say_so_and_do_not_wait_for_ever(context, before, said):
     assert said in ended(ASYNC, context, before)
-
-
-@FORKS
-def test_copies_of_a_process_end_well_whatever_they_throw_away():
-    code = (
-        "import gc, os, gymnasium as gym, calfree_gym\n"
-        "drew, left = (gym.make('CalFree/Reach-v0', observation='rgb', image_size=64) for _ in range(2))\n"
-        "many = gym.make_vec('CalFree/Reach-v0', num_envs=4, threads=4)\n"
-        "for env in (drew, left, many): env.reset(seed=0)\n"
-        "copy = os.fork()\n"
-        "if not copy:\n"
-        "    drew.close()\n"
-        "    del drew, left, many, env\n"
-        "    gc.collect()\n"
-        "    os._exit(7)\n"
-        "print(os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1]))"
-    )
-    assert ended(code).strip() == "7"

@@ -82,17 +82,6 @@ def test_without_autoreset_rows_wait_for_a_masked_reset():
     env.step(words)
 
 
-def test_same_step_infos_count_perturbations_of_rows_that_are_not_over():
-    every = [{"every": {"motion": 1}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.1}}]
-    env = kinematic(rows=2, world=nominal(), autoreset_mode="SameStep", perturbations=every)
-    env.reset(seed=[0, 1])
-    env.step(np.zeros((2, 3)))
-    env.unwrapped._max_episode_steps = np.array([2, 60])
-    *_, infos = env.step(np.zeros((2, 3)))
-    np.testing.assert_array_equal(infos["perturbed"], [0, 1])
-    np.testing.assert_array_equal(infos["final_info"]["perturbed"], [1, 1])
-
-
 ROWS = 3
 
 

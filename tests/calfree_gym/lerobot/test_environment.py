@@ -260,17 +260,6 @@ def test_an_arm_that_has_met_something_stops_as_a_whole(ready):
     assert (executed < 0.9).all()
 
 
-def test_a_motor_is_given_three_times_what_it_usually_lacks(ready):
-    motors = ready.env._motors
-    for usual, far in ((0.2, 2.0), (1.0, 3.0)):
-        for known in motors._usual:
-            known.clear()
-            known.extend([usual] * 9)
-        for short in (0.9 * far, 1.1 * far):
-            motors.here = motors.goal - short
-            assert motors.stay_back.all() == (short > far)
-
-
 ROOT = Path(__file__).parents[3]
 
 
@@ -340,13 +329,3 @@ def test_a_robot_whose_torque_nobody_can_keep_is_told():
     robot.config = SimpleNamespace(id="other")
     with pytest.warns(UserWarning, match="its motors may lose their torque"):
         LeRobotReachEnv(robot, ("left", "right"))
-
-
-def test_a_hold_needs_no_reading_and_pulls_no_sagging_motor_up(ready):
-    robot, motors = ready.robot, ready.env._motors
-    before, motors.here = motors.goal.copy(), motors.here + np.array([0, 0, 5.0, 0, 0])
-    robot.get_observation = None
-    motors.hold()
-    expected = before.copy()
-    expected[2] = motors.here[2]
-    np.testing.assert_allclose(motors.goal, expected)

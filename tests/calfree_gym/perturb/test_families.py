@@ -173,14 +173,3 @@ def test_what_acts_on_physics_and_observations_acts_and_is_the_same_each_time(ma
             drawn.append(pickle.dumps(found))
     assert drawn[0] == drawn[1]
     env.close()
-
-
-def test_films_show_the_knock(tmp_path):
-    pytest.importorskip("moviepy")
-    env = Perturb(half_cheetah(), knock({"type": "exposure", "factor": 0.2}), seed=0)
-    film = gym.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda episode: True)
-    life(film, False)
-    bright = [frame.mean() for frame in film.recorded_frames]
-    assert bright[KNOCK + 1] < 0.5 * bright[KNOCK]
-    film.close()
-    assert list(tmp_path.glob("*.mp4"))

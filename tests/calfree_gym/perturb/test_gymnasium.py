@@ -32,16 +32,6 @@ def life(envs, steps=10):
     return found
 
 
-def test_rows_of_a_vector_draw_each_their_own_and_are_the_same_alone():
-    rows = life(gym.make_vec("Reacher-v5", num_envs=2, vectorization_mode="sync", wrappers=[knocked]))
-    assert [step[-1]["perturbed"].tolist() for step in rows[:8]] == [[n, n] for n in (0, 0, 0, 1, 1, 1, 0, 2)]
-    alone = Perturb(gym.make("Reacher-v5"), SCHEDULE)
-    alone.reset(seed=4)
-    actions = np.random.default_rng(0).uniform(-1, 1, (10, 2, 2)).astype(np.float32)
-    for row, action in zip(rows[1:], actions[:, 1], strict=True):
-        np.testing.assert_array_equal(row[0][1], alone.step(action)[0])
-
-
 def test_it_can_be_made_again_from_its_spec():
     env = Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1, late=[()])
     assert env.spec.additional_wrappers[-1].kwargs["schedule"][0]["at"] == {"motion": 2}

@@ -72,25 +72,6 @@ def test_a_function_with_reset_is_told_where_episodes_begin():
     assert policy.begun == 6
 
 
-def test_an_agent_of_ours_acts_as_it_is_and_a_knock_in_mid_episode_does_not_stop_it():
-    def success(env, info):
-        hand, thing = env.unwrapped.data.mocap_pos
-        return np.linalg.norm(hand - thing) < 0.02
-
-    servo = agents.make("unified_servo", points_of(TableTop()))
-    table = paired(
-        lambda: TableTop(steps=400),
-        servo,
-        {"none": NONE, "knocked": KNOCKED},
-        episodes=5,
-        success=success,
-        wrap=points_of,
-        images={"top": None},
-        per="episode",
-    )
-    assert [row.success for row in table.rows] == [1.0, 1.0]
-
-
 def test_a_learner_lives_one_life_in_each_schedule():
     made = []
 

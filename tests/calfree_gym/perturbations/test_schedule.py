@@ -238,11 +238,6 @@ def test_a_pan_goes_on_and_turns_back_before_the_work_space_leaves_the_view():
     assert all(in_view(world, MOVEMASTER, ("world", "world")) for world in worlds)
 
 
-def test_a_pan_without_keeping_in_view_goes_on_and_on():
-    angles = angles_from_the_first(drifted(PAN, 120, keep_in_view=False))
-    np.testing.assert_allclose(angles, np.arange(120.0), atol=1e-3)
-
-
 def test_a_quantity_turns_back_at_the_ends_of_its_range():
     shares = [w.point_outliers.item() for w in drifted({"type": "point_outliers", "share": 0.25}, 11)]
     assert shares == [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5]

@@ -67,13 +67,6 @@ def test_what_follows_in_closed_form_is_what_mujoco_computes(pair):
         np.testing.assert_allclose(closed[near], pixels[near], atol=1e-4)
 
 
-def test_a_motion_leaves_the_models_flags_as_they_were(pair):
-    physics, _, motors, _, mount = pair
-    physics.move(EVERY, motors.joints(np.full((ROWS, 3), 0.1), EVERY))
-    model = physics._batch.get_model(0)
-    assert model.opt.disableflags == MOVEMASTER.scene(MOVEMASTER.mounts(mount)).model.opt.disableflags
-
-
 @pytest.mark.parametrize("mount", ["waist", "stand", "forearm"])
 def test_a_world_is_judged_by_the_first_of_all_candidates(monkeypatch, mount):
     spaces = Workspaces(1, MOVEMASTER, MOVEMASTER.mounts(mount))
@@ -181,28 +174,6 @@ def test_the_spread_of_motions_is_what_was_set(name):
         assert np.abs(of_motors).max() < 4.5 / np.sqrt(n)
         assert np.abs(of_motions).max() < 4.5 / np.sqrt(n)
         assert np.abs(flat).max() < 6
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_a_motor_that_is_not_moved_stays_where_it_is(name):
-    bench = Bench(name, backlash=gaps(name), repeatability=gaps(name))
-    bench.reset(seed=3)
-    before = bench.move(0.1)
-    for _ in range(3):
-        assert (bench.move(0) == before).all()
-    after = bench.move(0.1 * np.eye(bench.motors)[0])
-    assert after[0, 0] != before[0, 0]
-    assert (after[0, 1:] == before[0, 1:]).all()
-
-
-def test_a_backlash_that_comes_is_felt():
-    entry = {"at": {"motion": 2}, "do": {"type": "backlash", "motor": "waist", "degrees": 2.0}}
-    bench, exact = Bench("movemaster", perturbations=[entry]), Bench("movemaster")
-    word = np.array([0.05, 0, 0])
-    bench.reset()
-    exact.reset()
-    lags = [(exact.move(word) - bench.move(word))[0, 0] for _ in range(4)]
-    assert np.degrees(lags) == pytest.approx([0, 0, 1, 1])
 
 
 @pytest.mark.parametrize("error", ERRORS)

@@ -147,25 +147,6 @@ def test_an_arm_that_presses_goes_back_and_its_registers_say_so(env):
     assert 10 < max(info["force_table"], info["force_object"]) < 200
 
 
-@pytest.mark.parametrize(
-    "do",
-    [
-        {"type": "motor_gain", "motor": "shoulder", "factor": 1.4},
-        {"type": "joint_zero", "joint": "J1", "degrees": 10},
-    ],
-)
-def test_registers_tell_where_an_arm_stands_that_was_stopped_in_a_world_just_changed(do):
-    then = [{"at": {"motion": 2}, "do": do}]
-    env = make("Grasp", world="nominal", shape="sphere", keep_in_view=False, perturbations=then)
-    env.reset(seed=0)
-    for words in ([0, -0.3, -0.3, 0, 0], [0.2, -0.05, -0.5, 0, 0], [0.1, -0.15, 0.05, 0, 0]):
-        *_, info = env.step(np.array(words, np.float32))
-    assert info["force_table"] > 12
-    arms = env.unwrapped.arms
-    told = arms.motors.joints(arms.registers, slice(None))
-    np.testing.assert_allclose(told, arms.simulation._all_ctrl[:, :-1], atol=1e-9)
-
-
 def test_what_was_tipped_is_not_lifted():
     bar = {"shape": "bar", "half_length": 0.07, "half_width": 0.016, "half_height": 0.012}
     env = make("Grasp", world="nominal", shape=bar)

@@ -30,12 +30,6 @@ def test_hue_and_saturation_are_those_of_pixels(rgb):
     assert Mark.from_dict(mark.to_dict()) == mark
 
 
-@pytest.mark.parametrize(("rgb", "hue"), [((200, 0, 0), 0), ((0, 90, 0), 120), ((0, 0, 255), 240)])
-def test_pure_colours_have_their_usual_hues(rgb, hue):
-    assert Mark(rgb).hue == hue
-    assert Mark(rgb).saturation == 1
-
-
 def test_dicts_and_files_give_the_same_marks_back(tmp_path):
     marks = Marks(gripper_1=RED, object=Mark((10, 200, 210), 33.5))
     assert Marks.from_dict(marks.to_dict()) == marks

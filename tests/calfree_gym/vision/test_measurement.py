@@ -136,22 +136,6 @@ def test_outliers_and_dropout_are_independent_of_each_other():
     assert np.abs(correlations).max() < 6 / np.sqrt(rows)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_words_to_the_object_registers_reach_the_object_in_one_motion(mount):
-    options = {"camera_mount": mount, "tell": ("object_registers",), "terminate_on_success": False}
-    env = make(perturbations=[{"at": {"motion": 1}, "do": {"type": "joint_zero"}}], **options)
-    rows = kinematic(rows=5, **options)
-    for seed in range(5):
-        observation, _ = env.reset(seed=seed)
-        for _ in range(3):  # after the first, the arm is another one
-            missing = observation["object_registers"] - observation["observation"][4:]
-            observation, *_, info = env.step(missing)
-        assert info["truth"]["distance_mm"] < 0.5
-    observation, _ = rows.reset(seed=0)
-    *_, infos = rows.step(observation["object_registers"] - observation["observation"][:, 4:])
-    assert (infos["truth"]["distance_mm"] < 0.1).all()
-
-
 def delivered(schedule, count=1):
     """Points as delivered in so many trials of 12 motions, home included (count, 13, 8)."""
     env = kinematic(world="nominal", terminate_on_success=False, max_episode_steps=99, perturbations=schedule)
