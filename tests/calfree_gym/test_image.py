@@ -10,14 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calfree_gym.errors.yaml_values import UnclearNumberError, read
-from calfree_gym.image import (
-    IMAGE_UNIT,
-    inner,
-    inside,
-    lengths,
-    lengths_px,
-    rounded,
-)
+from calfree_gym.image import IMAGE_UNIT, inner, inside, lengths, lengths_px, rounded
 from calfree_gym.streams import stream
 from calfree_gym.vision import Marks
 

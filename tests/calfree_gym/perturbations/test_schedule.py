@@ -190,31 +190,6 @@ def test_any_schedule_runs_and_stays_in_bounds(schedule, seed, keep_in_view):
             observation, *_ = env.step(rng.uniform(-1, 1, 3))
 
 
-def test_what_is_applied_does_not_depend_on_what_the_agent_did():
-    def worlds(words):
-        env, found = made([{"every": {"motion": 3}, "do": {"type": "camera_replace"}}]), []
-        env.reset(seed=9)
-        for i in range(12):
-            env.step(np.full(3, words))
-            if i % 4 == 3 and words > 0.1:
-                env.reset()
-            found.append(env.world)
-        return found
-
-    assert worlds(0.01) == worlds(0.3)
-
-
-def test_the_environment_lists_all_that_a_perturbation_drew():
-    env = made(rolled(at={"motion": 1}))
-    env.reset(seed=0)
-    env.step(np.zeros(3))
-    before = env.world
-    env.step(np.zeros(3))
-    (drawn,) = env.applied
-    assert drawn.degrees is not None
-    assert drawn.change(before) == env.world
-
-
 PAN = {"type": "camera_aim", "camera": "left", "degrees": 1.0, "direction": 0.0}
 
 

@@ -1,6 +1,5 @@
 """Registers as they are told, and joints as they stand, against a model of one motor in plain Python."""
 
-import copy
 import math
 from dataclasses import replace
 
@@ -194,36 +193,6 @@ def test_defaults_are_no_change_and_every_field_is_one_that_registers_or_joints_
     for name, value in FIELDS.items():
         other = 2.0 if name == "word_gain" else value  # within the space
         assert (run(**{name: other}) != plain).any(), name
-
-
-@pytest.mark.parametrize(("task", "first"), [("Reach", 4), ("SafeReach", 4), ("Grasp", 18), ("Insert", 22)])
-def test_every_task_tells_registers_alike(task, first):
-    env = made(task, world="nominal")
-    env.reset(seed=0)
-    motors = len(env.world.motor_sign)
-    env.set_world(replace(env.world, register_step=0.1, shortfall=0.5, register_noise=1e-4))
-    env.reset(seed=0)
-    words = np.zeros(env.action_space.shape)
-    words[0], words[1] = 0.23, -0.12
-    observation = env.step(words)[0]
-    told = registers_of(observation, motors, first)
-    np.testing.assert_allclose(told, [0.1, -0.1, *np.zeros(motors - 2)], atol=1e-6)
-
-
-def test_what_motors_no_longer_err_by_is_in_copies_too():
-    """A copy forgot the error of a motor that has rested since its repeatability was undone."""
-    schedule = [
-        {"at": {"motion": 1}, "do": {"type": "repeatability", "motor": "shoulder", "degrees": 4}},
-        {"at": {"motion": 2}, "undo": 0},
-    ]
-    env = made(world="nominal", perturbations=schedule)
-    env.reset(seed=0)
-    for _ in range(2):
-        env.step(np.array([0, 0.1, 0]))
-    env.step(np.array([0.1, 0, 0]))
-    twin = copy.deepcopy(env)
-    expected = lived(env, 3)
-    np.testing.assert_array_equal(lived(twin, 3), expected)
 
 
 def test_a_stopped_arm_stands_where_its_registers_and_its_joints_were_on_the_way():

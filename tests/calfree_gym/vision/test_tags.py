@@ -88,29 +88,6 @@ def test_the_gripper_is_seen_where_both_tags_of_one_flat_print_are(prints, gripp
     np.testing.assert_array_equal(points[~visible], before[~visible])
 
 
-def test_at_the_rendezvous_no_print_hides_a_tag_of_the_other():
-    rng, hidden = np.random.default_rng(0), []
-    for _ in range(300):
-        gripper, object_ = (random_pose(rng, (320, 240), np.pi / 4) for _ in range(2))
-        hidden.append(
-            hides(card(), object_, arch(), gripper).any() or hides(arch(), gripper, card(), object_).any()
-        )
-    assert np.mean(hidden) <= 0.03
-
-
-def hides(print_, pose, other, behind):
-    """Whether a print is before black cells (n,) of another one."""
-    (cells, middle), (others, other_middle) = print_, other
-    places = CELL * (np.argwhere(others == 0)[:, ::-1] + 0.5 - other_middle)
-    seen = behind.middle + places @ behind.axes[:, :2].T
-    normal = pose.axes[:, 2]
-    nearer = (normal @ pose.middle) / (seen @ normal)
-    met = (seen * nearer[:, None] - pose.middle) @ pose.axes[:, :2] / CELL + middle
-    column, row = np.floor(met).astype(int).T
-    within = (column >= 0) & (column < cells.shape[1]) & (row >= 0) & (row < cells.shape[0])
-    return within & (nearer < 1) & (cells[np.where(within, row, 0), np.where(within, column, 0)] >= 0)
-
-
 def numbers(pattern, text):
     """What the groups of all matches say (n, groups)."""
     return np.array([np.atleast_1d(each).astype(float) for each in re.findall(pattern, text, re.MULTILINE)])

@@ -137,15 +137,6 @@ def test_a_lost_point_stays_where_it_was_and_comes_back_anywhere():
     assert (points == 0).all()
 
 
-def test_what_is_returned_is_the_callers():
-    tracker = StereoTracker()
-    points, _ = tracker(plain(HERE), plain(HERE))
-    kept = points.copy()
-    points[:] = 9
-    again, _ = tracker(plain([]), plain([]))
-    np.testing.assert_array_equal(again, kept)
-
-
 def test_trackers_together_find_what_each_finds_alone():
     looks = [
         (plain(HERE), plain([])),

@@ -3,7 +3,6 @@
 import copy
 import json
 import pickle
-import shutil
 
 import mujoco
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from calfree_gym import Arm
 from tests.arms.every import EVERY, arm_named
-from tests.arms.own import ARMS, MODELS, MOTORS
+from tests.arms.own import ARMS, MOTORS
 from tests.calfree_gym.environments import kinematic, make
 from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS, all_kinds
 
@@ -53,16 +52,6 @@ def test_arms_are_different_values():
     assert len(set(arms)) == len(arms)
     assert all((a == b) == (a is b) for a in arms for b in arms)
     assert arms[0] != "scara"
-
-
-@pytest.mark.parametrize("name", ["scara", "names"])
-def test_the_same_files_elsewhere_are_the_same_arm(name, tmp_path):
-    shutil.copytree(MODELS, tmp_path / "moved/models")
-    path = tmp_path / "moved/models" / ARMS[name]["model"].name
-    there, here = Arm(**ARMS[name] | {"model": path}), arm_named(name)
-    assert there == here
-    assert hash(there) == hash(here)
-    assert there.to_dict() != here.to_dict() or not here.assets
 
 
 def test_a_path_its_text_and_its_spec_are_the_same_arm_and_a_spec_is_not_changed():

@@ -1,13 +1,9 @@
 """What cannot be an arm is refused before any simulation: what was found, where, and what is allowed."""
 
-from dataclasses import replace
-
 import mujoco
-import numpy as np
 import pytest
 
-from calfree_gym import Arm, nominal
-from calfree_gym.geometry import looking_at
+from calfree_gym import Arm
 from calfree_gym.robot import simulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS, MODELS
@@ -188,20 +184,3 @@ def test_cameras_on_what_is_no_body(mount):
     allowed = "allowed: waist, stand, inner arm, column, outer arm, quill, flange, or a pair of these"
     with pytest.raises(ValueError, match=f"camera_mount is .*{allowed}"):
         make(arm=arm_named("scara"), camera_mount=mount)
-
-
-@pytest.mark.parametrize("name", ["scara", "mobile", "redundant"])
-def test_cameras_that_never_see_the_gripper(name):
-    arm = arm_named(name)
-    world = nominal(arm.robot)
-    away = [looking_at(p, 2 * p - arm.robot.rig.target) for p in world.camera_position]
-    for mount in ("waist", "stand"):
-        with pytest.raises(ValueError, match=f"the given world is not in view on the '{mount}' mount"):
-            make(arm=arm, camera_mount=mount, world=replace(world, camera_orientation=np.stack(away)))
-
-
-@pytest.mark.parametrize("type_", ["motor_gain", "motor_sign", "backlash", "repeatability"])
-def test_perturbations_of_motors_that_the_arm_has_not(type_):
-    entry = {"at": {"motion": 1}, "do": {"type": type_, "motor": "waist"}}
-    with pytest.raises(ValueError, match=f"{type_}.motor is 'waist'; allowed: shoulder, elbow, lift, roll"):
-        make(arm=arm_named("scara"), perturbations=[entry])
