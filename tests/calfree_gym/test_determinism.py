@@ -1,4 +1,4 @@
-"""One seed, one trajectory, bit by bit: alone or in a batch, here or in another process."""
+"""One seed, one trajectory, bit by bit: alone or in a batch, in a pool of worlds or another process."""
 
 import gc
 import multiprocessing

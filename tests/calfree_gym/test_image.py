@@ -1,4 +1,4 @@
-"""Pixels and image units, and what rounding must not decide."""
+"""Image units, streams and YAML: what rounding, seeds and notations must not decide."""
 
 import re
 import zlib

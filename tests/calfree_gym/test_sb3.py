@@ -1,4 +1,4 @@
-"""The stable-baselines3 adapter against single environments, and under SB3's own algorithms."""
+"""The stable-baselines3 adapter against single environments and under SB3's algorithms; bounded words."""
 
 import re
 
@@ -9,7 +9,7 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
 from calfree_gym.sb3 import as_sb3_env, make_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords
-from tests.calfree_gym.environments import assert_same, kinematic, make, of_row
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make, of_row
 
 QUICK = {"dynamics": "kinematic", "max_episode_steps": 5}
 
@@ -99,8 +99,7 @@ SCALED = {"limit": 0.25, "curvature": 2.0}
 
 
 def test_an_action_becomes_a_small_word():
-    env = ScaledWords(kinematic(world="nominal"), **SCALED)
-    env.reset(seed=0)
+    env = begun(ScaledWords(kinematic(world="nominal"), **SCALED))
     observation, *_ = env.step(np.array([1, -0.5, 0], np.float32))
     np.testing.assert_allclose(observation["observation"][4:], [0.25, -0.0625, 0], atol=1e-6)
     assert env.action_space == gym.spaces.Box(-1, 1, (3,), np.float32)

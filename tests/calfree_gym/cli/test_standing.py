@@ -1,4 +1,4 @@
-"""`calfree check`, `watch`, `marks` and `pick`, on the bench: nothing moves."""
+"""`calfree` on the bench: what it tells and writes and refuses, and that the arm holds however it ends."""
 
 import base64
 import importlib.util

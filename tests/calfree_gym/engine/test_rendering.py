@@ -1,4 +1,4 @@
-"""Geometry against pixels: where rendered marks are, and where the environment says they are."""
+"""Geometry against pixels; drawing of models of any size, in any thread, and not in a copied process."""
 
 import os
 import re
@@ -25,7 +25,7 @@ from calfree_gym.robot.rays import MARKS_GROUP, SEEN
 from calfree_gym.vision.cameras import image_points
 from tests.arms.every import arm_named
 from tests.arms.own import MODELS
-from tests.calfree_gym.environments import assert_same, kinematic, make
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make
 
 
 @pytest.fixture
@@ -238,12 +238,10 @@ def test_a_missing_renderer_is_told_when_an_image_or_mujoco_is_asked_for(code, v
 
 def test_an_image_without_gl_says_what_to_install_and_without_a_render_mode_there_is_none(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "none-of-these")
-    env = make(world="nominal", render_mode="rgb_array").unwrapped
-    env.reset(seed=0)
+    env = begun(make(world="nominal", render_mode="rgb_array").unwrapped)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"libegl1.*MUJOCO_GL=egl"):
         env.render()
-    env = make(world="nominal").unwrapped
-    env.reset(seed=0)
+    env = begun(make(world="nominal").unwrapped)
     with pytest.warns(UserWarning, match="give one to gym.make: rgb_array, human"):
         assert env.render() is None
 
@@ -268,8 +266,7 @@ def test_the_viewer_shows_where_the_arm_is_and_without_a_screen_is_an_error(monk
     viewer = pytest.importorskip("mujoco.viewer")
     monkeypatch.setattr(viewer, "launch_passive", Window)
     monkeypatch.setattr("glfw.init", lambda: True)
-    env = kinematic(render_mode="human")
-    env.reset(seed=0)
+    env = begun(kinematic(render_mode="human"))
     env.step(np.array([0.2, 0.0, 0.0]))
     env.render()
     assert len(shown) == 3, "people see what happens without render()"

@@ -1,4 +1,4 @@
-"""The Gymnasium contract, and the black box's promises."""
+"""The Gymnasium contract, the black box's promises, and specs, of which JSON makes the same again."""
 
 import json
 import warnings
@@ -22,7 +22,7 @@ from calfree_gym.wrappers import ScaledWords
 from tests.arms import own
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS
-from tests.calfree_gym.environments import kinematic, make, trials
+from tests.calfree_gym.environments import begun, kinematic, make, trials
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -68,8 +68,7 @@ def test_rendezvous_takes_both_cameras_and_euclidean_distance():
 
 
 def test_noise_has_the_worlds_standard_deviation_and_is_new_at_every_observation():
-    env = make(world="nominal", terminate_on_success=False).unwrapped
-    env.reset(seed=0)
+    env = begun(make(world="nominal", terminate_on_success=False).unwrapped)
     errors = []
     for _ in range(400):
         observation, *_, info = env.step(np.zeros(3))
@@ -128,8 +127,7 @@ def test_lost_points_keep_their_last_value_and_their_flag_falls():
 @settings(max_examples=30)
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=8), st.integers(0, 3))
 def test_registers_are_executed_sums_within_their_ends(words, seed):
-    env = kinematic(terminate_on_success=False).unwrapped
-    env.reset(seed=seed)
+    env = begun(kinematic(terminate_on_success=False).unwrapped, seed)
     motors, expected = env.arms.motors, np.zeros(3)
     for word in words:
         expected = np.clip(expected + word, motors.lowest[0], motors.highest[0])
@@ -140,8 +138,7 @@ def test_registers_are_executed_sums_within_their_ends(words, seed):
 
 def test_set_world_holds_over_seeds_and_a_given_world_too():
     world = nominal()
-    env = make(world="wild").unwrapped
-    env.reset(seed=0)
+    env = begun(make(world="wild").unwrapped)
     env.set_world(world)
     first = env.reset(seed=7)[1]["truth"]["object"]
     assert env.world == world

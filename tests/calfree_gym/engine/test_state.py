@@ -1,4 +1,4 @@
-"""Copies and states: from any moment on, the same steps, resets, worlds and perturbations, bit by bit."""
+"""Copies and states go on alike, bit by bit, from any moment; and what fails changes nothing."""
 
 import copy
 import pickle
@@ -19,7 +19,7 @@ from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 from calfree_gym.world import WorldDistribution
 from tests.arms import own
-from tests.calfree_gym.environments import assert_same, kinematic, make, of_row
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make, of_row
 from tests.calfree_gym.robot.one_motor import FIELDS
 
 SCHEDULE = [
@@ -197,8 +197,7 @@ def test_states_of_others_are_refused():
         ({"arm": own.ARMS["scara"]}, r"of another arm: its motors are .*; here they are .*waist"),
         ({"camera_mount": "stand"}, "of another arm: its camera mounts are"),
     ):
-        other = make(**arguments).unwrapped
-        other.reset(seed=0)
+        other = begun(make(**arguments).unwrapped)
         with pytest.raises(ValueError, match=message):
             env.set_state(other.get_state())
     with pytest.raises(ValueError, match="there are 2 states; there must be 3, one a row, or one for all"):
@@ -243,8 +242,7 @@ def sign(env):
 
 def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
     schedule = [{"at": {"trial": 1}, **REVERSED}]
-    env = make("Grasp", world="nominal", shape="sphere", perturbations=schedule).unwrapped
-    env.reset(seed=0)
+    env = begun(make("Grasp", world="nominal", shape="sphere", perturbations=schedule).unwrapped)
     before = sign(env)
     with pytest.raises(ValueError, match=r"0\.9"):
         env.reset(options={"object": FAR})
@@ -257,8 +255,7 @@ def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
 
 @pytest.mark.parametrize("rows", [None, 2])
 def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
-    env = kinematic(rows).unwrapped
-    env.reset(seed=0)
+    env = begun(kinematic(rows).unwrapped)
     before = str(env.get_state())
     for wrong in ({"options": {"objekt": FAR}}, {"options": {"object": "here"}}):
         with pytest.raises(ValueError, match="obje"):
@@ -267,8 +264,7 @@ def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
 
 
 def test_where_no_world_can_be_drawn_an_arm_stays_in_its_own_and_asks_for_a_reset(monkeypatch):
-    env = kinematic().unwrapped
-    env.reset(seed=0)
+    env = begun(kinematic().unwrapped)
     as_before = kinematic(world=env.world)
     mounts, wild = env.arms.mounts, WorldDistribution("wild")
     seed = next(s for s in count(1) if not in_view(wild.sample(s), MOVEMASTER, mounts, whole=True))
@@ -285,8 +281,7 @@ def test_a_motion_before_which_an_event_fails_applies_none_and_a_drift_goes_on_f
     """A drift's direction is drawn once, by the first of its steps that is applied."""
     drift = {"drift": {"per": "motion"}, "do": {"type": "camera_roll", "camera": "left"}}
     schedule = [drift, {"at": {"motion": 1}, **REVERSED}, {"at": {"motion": 1}, **OUT_OF_VIEW}]
-    env = kinematic(world=nominal(), perturbations=schedule).unwrapped
-    env.reset(seed=0)
+    env = begun(kinematic(world=nominal(), perturbations=schedule).unwrapped)
     env.step(np.zeros(3))
     before = env.world
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""Rows of a batched environment: their worlds, how trials end and begin, and what all of them share."""
+"""Rows of a batched environment: worlds, how trials end and begin, attributes, and infos of one form."""
 
 import gymnasium as gym
 import numpy as np
@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 
 from calfree_gym import nominal
 from calfree_gym.tasks.reach import ReachArms
-from tests.calfree_gym.environments import assert_same, kinematic, make
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make
 
 WORD = np.full(3, 0.05)
 
@@ -22,8 +22,7 @@ def test_many_rows_change_no_row():
 
 
 def test_worlds_may_differ_by_row():
-    env = make(rows=2, world=["nominal", "wild"])
-    env.reset(seed=0)
+    env = begun(make(rows=2, world=["nominal", "wild"]))
     assert env.unwrapped.worlds[0] == nominal()
     env.unwrapped.set_world(nominal(), row=1)
     assert env.unwrapped.worlds[1] == nominal()
@@ -35,8 +34,7 @@ def test_worlds_may_differ_by_row():
 
 @pytest.mark.parametrize("rows", [None, 2])
 def test_trials_may_go_on_without_limit(rows):
-    env = kinematic(rows, max_episode_steps=-1, terminate_on_success=False)
-    env.reset(seed=0)
+    env = begun(kinematic(rows, max_episode_steps=-1, terminate_on_success=False))
     still = np.zeros(env.action_space.shape, np.float32)
     assert not any(np.any(env.step(still)[3]) for _ in range(62)), "60 is the usual limit"
 
@@ -63,8 +61,7 @@ def test_same_step_autoreset_gives_the_last_observation_and_the_next_first_one()
 
 
 def test_without_autoreset_rows_wait_for_a_masked_reset():
-    env = kinematic(rows=3, max_episode_steps=4, autoreset_mode=AutoresetMode.DISABLED)
-    env.reset(seed=0)
+    env = begun(kinematic(rows=3, max_episode_steps=4, autoreset_mode=AutoresetMode.DISABLED))
     words = np.tile(WORD, (3, 1))
     env.step(words)
     before, *_ = env.step(words)

@@ -1,4 +1,4 @@
-"""The environment over a robot: what it sends, looks at, and refuses before anything moves."""
+"""The environment over a robot: what it sends, looks at, tells and refuses; agents reach, the arm holds."""
 
 import gc
 import re

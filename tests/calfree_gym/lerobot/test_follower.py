@@ -1,4 +1,4 @@
-"""The same on LeRobot's own classes, where LeRobot is installed (Python 3.12 on)."""
+"""The same on LeRobot's own classes, and demonstrations, where LeRobot is installed (Python 3.12 on)."""
 
 import gc
 import re

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import ENV_IDS, Perturb
-from tests.calfree_gym.environments import assert_same
+from tests.calfree_gym.environments import assert_same, begun
 from tests.calfree_gym.perturb.workbench import arrays
 
 pytest.importorskip("imageio", reason="Gymnasium's MuJoCo environments need imageio")
@@ -44,8 +44,7 @@ def test_it_can_be_made_again_from_its_spec():
 
 
 def test_where_an_environment_is_pickled_as_made_anew_schedule_counts_and_world_go_on():
-    env = Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1)
-    env.reset(seed=0)
+    env = begun(Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1))
     for _ in range(4):
         env.step(env.action_space.sample())
     again = pickle.loads(pickle.dumps(env))

@@ -1,4 +1,4 @@
-"""The same episodes under each schedule, whoever acts in them; and how they are shown."""
+"""The same episodes under each schedule, and McNemar's test and Tango's interval against others."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Perturb: what acts, where and how long, in an environment of somebody else's."""
+"""Perturb in somebody else's environment: what acts, where and how long, and what it refuses."""
 
 import pickle
 
@@ -14,7 +14,7 @@ from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.perturb.scope import ALLOWED
 from calfree_gym.perturbations import TYPES
 from calfree_gym.vision.cameras import image_points
-from tests.calfree_gym.environments import assert_same
+from tests.calfree_gym.environments import assert_same, begun
 from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
 
 KNOCK, BACK = 3, 6
@@ -115,8 +115,7 @@ def test_a_joint_zero_moves_the_arm_and_not_what_its_encoder_tells(joint, degree
 
 def sent(schedule, actions, **arguments):
     env = Workbench()
-    perturbed = Perturb(env, schedule, seed=0, **arguments)
-    perturbed.reset()
+    perturbed = begun(Perturb(env, schedule, seed=0, **arguments), None)
     found = []
     for action in actions:
         perturbed.step(np.asarray(action, np.float32))
@@ -328,8 +327,7 @@ def test_where_no_model_is_found_it_says_how_to_tell(kind):
 
 def test_without_mujoco_images_actions_and_observations_are_perturbed():
     schedule = [*do("exposure", factor=0.5), *do("motor_sign", motor="action1"), *do("latency", motions=1)]
-    env = Perturb(Canvas(), schedule, seed=0, images={"render": ()})
-    env.reset()
+    env = begun(Perturb(Canvas(), schedule, seed=0, images={"render": ()}), None)
     for there in (100, 100, 50):
         observation, *_ = env.step(np.float32([56, 56]))
         assert (observation == there).all()

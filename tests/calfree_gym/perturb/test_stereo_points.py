@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from calfree_gym import StereoPoints
 from calfree_gym.geometry import looking_at
 from calfree_gym.perturb import FixedCamera, Words
+from tests.calfree_gym.environments import begun
 from tests.calfree_gym.perturb.table_top import STEP, TableTop
 
 WORDS = Words((0, 1, 2), steps=15)
@@ -67,8 +68,7 @@ def test_a_camera_with_a_sensor_shows_points_where_mujoco_renders_them():
 
 
 def test_words_are_displacements_and_add_up_in_registers():
-    env = made()
-    env.reset(seed=0)
+    env = begun(made())
     before = env.unwrapped.data.mocap_pos[0].copy()
     observation, *_ = env.step(np.array([0.5, -0.25, 0.0]))
     moved = env.unwrapped.data.mocap_pos[0] - before
@@ -89,8 +89,7 @@ def test_absolute_actions_go_to_registers_and_stay():
 
 
 def test_what_the_environment_knows_of_registers_is_told():
-    env = made(registers=lambda env: env.unwrapped.data.mocap_pos[0] / 0.3 - [0, 0, 2 / 3])
-    env.reset(seed=0)
+    env = begun(made(registers=lambda env: env.unwrapped.data.mocap_pos[0] / 0.3 - [0, 0, 2 / 3]))
     observation, *_ = env.step(np.array([0.5, 0.0, -0.1]))
     np.testing.assert_allclose(observation["observation"][4:], [0.5, 0, -0.1], atol=1e-6)
 
@@ -115,8 +114,7 @@ def test_noise_has_its_size_and_comes_from_the_seed():
 def test_an_episode_ends_at_the_rendezvous_and_where_the_environment_ends_it():
     check_env(made(), skip_render_check=True)
     for ends in (False, True):
-        env = made(TableTop(steps=20), terminate_on_success=ends)
-        env.reset(seed=1)
+        env = begun(made(TableTop(steps=20), terminate_on_success=ends), 1)
         hand, thing = env.unwrapped.data.mocap_pos
         *_, reward, terminated, truncated, info = env.step((thing - hand) / (15 * STEP))
         assert (reward, terminated, truncated, info["is_success"]) == (0.0, ends, False, True)
@@ -146,8 +144,7 @@ def test_bad_actions_and_words_are_refused():
     env.action_space = gym.spaces.Discrete(4)
     with pytest.raises(ValueError, match="words need a box"):
         made(env)
-    env = made()
-    env.reset(seed=0)
+    env = begun(made())
     for bad in (np.zeros(2), np.full(3, np.nan)):
         with pytest.raises(ValueError, match="3 finite numbers"):
             env.step(bad)

@@ -16,7 +16,7 @@ from calfree_gym.perturbations.schedule import (
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
-from tests.calfree_gym.environments import OF_ARMS, kinematic, trials
+from tests.calfree_gym.environments import OF_ARMS, begun, kinematic, trials
 
 RNG = np.random.default_rng
 
@@ -236,8 +236,7 @@ def test_a_drift_takes_its_way_from_the_seed_and_begins_anew_with_it():
     assert first[0] != first[1]
     assert worlds(2) != first
     assert worlds(1) == first
-    several = made(schedule, rows=3, world="wild")
-    several.reset(seed=[7, 1, 2])
+    several = begun(made(schedule, rows=3, world="wild"), seed=[7, 1, 2])
     for _ in range(6):
         several.step(np.zeros((3, 3), np.float32))
     assert several.worlds[1] == first[-1]

@@ -1,4 +1,4 @@
-"""Registers as they are told, and joints as they stand, against a model of one motor in plain Python."""
+"""Registers and joints against a model of one motor in plain Python, alike in all tasks and arms."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ from calfree_gym import WorldDistribution, nominal
 from calfree_gym.robot.arms.arm import robot_of
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from tests.arms.every import arm_named
-from tests.calfree_gym.environments import TASKS, kinematic
+from tests.calfree_gym.environments import TASKS, begun, kinematic
 from tests.calfree_gym.robot.one_motor import EXACT, FIELDS, Motor, made, registers_of
 
 
@@ -124,8 +124,7 @@ def test_told_registers_are_the_nearest_whole_multiples_of_their_step(step, nois
 
 
 def test_noise_takes_no_register_out_of_the_space():
-    env = made(world=replace(nominal(), register_noise=0.5, register_step=0.3))
-    env.reset(seed=0)
+    env = begun(made(world=replace(nominal(), register_noise=0.5, register_step=0.3)))
     for _ in range(30):
         observation = env.step(np.ones(3))[0]
         assert env.observation_space.contains(observation)
@@ -155,8 +154,7 @@ def test_registers_of_weak_words_end_farther_out_and_the_space_says_so():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_a_world_whose_registers_go_beyond_the_space_is_refused_before_anything_changes(task):
-    env = made(task, world="nominal")
-    env.reset(seed=0)
+    env = begun(made(task, world="nominal"))
     world, state = env.world, env.get_state()
     weak = replace(world, word_gain=np.append(0.25, np.ones(len(world.motor_sign) - 1)))
     message = r"word_gain is \[0.25, .*registers would go to \+-4; .* observes them within \+-1"
@@ -182,8 +180,7 @@ def test_defaults_are_no_change_and_every_field_is_one_that_registers_or_joints_
     given_ = {name: getattr(nominal(), name)[0] for name in FIELDS}
 
     def run(**fields):
-        env = made(task, world="nominal")
-        env.reset(seed=2)
+        env = begun(made(task, world="nominal"), 2)
         env.set_world(replace(env.world, **fields))
         env.reset(seed=2)
         return lived(env, 3)
@@ -196,8 +193,7 @@ def test_defaults_are_no_change_and_every_field_is_one_that_registers_or_joints_
 
 
 def test_a_stopped_arm_stands_where_its_registers_and_its_joints_were_on_the_way():
-    env = made("SafeReach", world="nominal", force_bound=1e9)
-    env.reset(seed=0)
+    env = begun(made("SafeReach", world="nominal", force_bound=1e9))
     world = replace(env.world, dead_zone=0.2, gear_ripple=(0.5, 1, 0.6), motor_gain=np.full(3, 4.0))
     env.set_world(world)
     rng, stopped = np.random.default_rng(0), 0
@@ -232,8 +228,7 @@ def motors_at(env):
 def test_other_arms_have_them_too(name):
     robot = robot_of(arm_named(name))
     world = replace(nominal(robot), **FIELDS | EXACT)
-    env = made(arm=arm_named(name), world=world)
-    env.reset(seed=0)
+    env = begun(made(arm=arm_named(name), world=world))
     motors = [Motor(world, motor, robot) for motor in range(len(robot.motors))]
     for words in np.random.default_rng(0).uniform(-0.3, 0.3, (5, len(motors))):
         observation, *_, info = env.step(words)

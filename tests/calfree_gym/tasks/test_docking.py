@@ -20,7 +20,7 @@ from calfree_gym.robot.docking.base import BASES, MARKS, Base, along
 from calfree_gym.tasks.dock_frames import DockViewer
 from calfree_gym.vision.dock_tags import prints
 from calfree_gym.world import WorldDistribution
-from tests.calfree_gym.environments import alone, assert_same, make, together, trials
+from tests.calfree_gym.environments import alone, assert_same, begun, make, together, trials
 
 BASE = Base("differential", 1, 4)
 RNG = np.random.default_rng
@@ -30,6 +30,10 @@ TOLD = ("pose", "wheels")
 
 def dock(rows=None, **arguments):
     return make("Dock", rows, **arguments)
+
+
+def dock_at(pose, **arguments):
+    return begun(dock(**arguments), options={"pose": pose})
 
 
 def world(seed=0, name="wild", base=BASE, **fields):
@@ -89,8 +93,7 @@ def seen_by(of, pose):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_points_are_where_the_cameras_see_the_marks(seed):
-    env = dock().unwrapped
-    env.reset(seed=seed)
+    env = begun(dock().unwrapped, seed)
     env.set_world(env.world.replace(point_noise=0, slip=0))
     for observation, info in trials(env, 4, seed):
         for goal, pose in (("achieved_goal", info["truth"]["pose"]), ("desired_goal", np.zeros(3))):
@@ -100,8 +103,7 @@ def test_points_are_where_the_cameras_see_the_marks(seed):
 
 def test_words_roll_wheels_by_a_curve_of_each_word_and_add_up_in_the_odometer():
     of = exact(motor_curvature=[0.3, -0.2], motor_sign=[1, -1], motor_gain=[0.5, 2], link_lengths=[0.4])
-    env = dock(world=of, keep_in_view=False)
-    env.reset(seed=0, options={"pose": (-1, 0, 0)})
+    env = dock_at((-1, 0, 0), world=of, keep_in_view=False)
     pose, words = np.array([[-1.0, 0, 0]]), [(0.4, -0.1), (-0.2, 0.3), (0.4, -0.1)]
     for left, right in words:
         observation, *_, info = env.step(np.array([left, right]))
@@ -221,8 +223,7 @@ def test_rows_copies_states_and_specs_go_on_alike_bit_by_bit(arguments):
 
 def test_reward_and_end_follow_from_goals_alone():
     for kind in ("Dock", "DockDense"):
-        env = make(kind, tolerance_px=2.5, world=exact()).unwrapped
-        env.reset(seed=0, options={"pose": (-0.02, 0, 0)})
+        env = begun(make(kind, tolerance_px=2.5, world=exact()).unwrapped, options={"pose": (-0.02, 0, 0)})
         seen = [env.step(np.array([0.005, 0.005])) for _ in range(8)]
         goals = ("achieved_goal", "desired_goal")
         achieved, desired = (np.array([each[0][key] for each in seen]) for key in goals)
@@ -236,8 +237,7 @@ def test_reward_and_end_follow_from_goals_alone():
 
 
 def test_a_rendezvous_takes_marks_that_are_seen():
-    env = dock(world=exact(point_dropout=0.3), terminate_on_success=False)
-    env.reset(seed=0, options={"pose": (0, 0, 0)})
+    env = dock_at((0, 0, 0), world=exact(point_dropout=0.3), terminate_on_success=False)
     met = []
     for _ in range(60):
         observation, reward, *_, info = env.step(STILL)
@@ -250,8 +250,7 @@ def test_a_shown_goal_dies_with_the_camera_and_own_marks_do_not():
     knock = [{**MOTION, "do": {"type": "camera_aim", "camera": "front", "degrees": 8}}]
     errors = {}
     for goal in ("marks", "shown"):
-        env = dock(goal=goal, world=exact(), perturbations=knock, terminate_on_success=False)
-        env.reset(seed=0, options={"pose": (0, 0, 0)})
+        env = dock_at((0, 0, 0), goal=goal, world=exact(), perturbations=knock, terminate_on_success=False)
         errors[goal] = [env.step(STILL)[-1]["truth"]["error_px"] for _ in range(2)]
         env.reset(options={"pose": (-0.4, 0, 0)})
         env.reset(options={"pose": (0, 0, 0)})
@@ -276,8 +275,7 @@ def test_a_dock_that_moves_leaves_the_robot_where_it_is():
 
 
 def test_wheels_that_slip_go_astray_by_their_share_and_differ_each_time():
-    env = dock(world=exact(slip=0.02), keep_in_view=False, max_episode_steps=-1)
-    env.reset(seed=0)
+    env = begun(dock(world=exact(slip=0.02), keep_in_view=False, max_episode_steps=-1))
     turned = []
     for _ in range(400):
         before = env.unwrapped.arms.truth()["pose"][0]
@@ -291,8 +289,7 @@ def test_wheels_that_slip_go_astray_by_their_share_and_differ_each_time():
 def test_perturbations_of_wheels_do_what_they_say():
     def turned(kind, word=(0.1, 0.1), **settings):
         do = parse_perturbation({"type": kind, **settings})
-        env = dock(world=do.apply(exact(), RNG(0), BASE), keep_in_view=False)
-        env.reset(seed=0, options={"pose": (-1, 0, 0)})
+        env = dock_at((-1, 0, 0), world=do.apply(exact(), RNG(0), BASE), keep_in_view=False)
         return env.step(np.array(word))[-1]["truth"]["pose"] + [1, 0, 0]
 
     assert turned("wheel_radius", wheel="left", factor=0.9)[2] == pytest.approx(0.1 * 0.1 / 0.35)
@@ -330,8 +327,7 @@ def test_physics_follows_the_arc_and_comes_to_rest(base, words):
     ends = {}
     for dynamics in ("kinematic", "physics"):
         of = exact(base=Base(base, 1, 4))
-        env = dock(base=base, world=of, dynamics=dynamics, keep_in_view=False)
-        env.reset(seed=0, options={"pose": (-1, 0.2, 0.3)})
+        env = dock_at((-1, 0.2, 0.3), base=base, world=of, dynamics=dynamics, keep_in_view=False)
         both = np.array([words, np.zeros(len(words))])
         ends[dynamics] = [env.step(each)[-1]["truth"]["pose"] for each in both]
     (arc, _), (there, later) = ends["kinematic"], ends["physics"]
@@ -344,8 +340,8 @@ def test_physics_follows_the_arc_and_comes_to_rest(base, words):
 
 @pytest.mark.parametrize("cameras", [1, 2])
 def test_frames_show_the_scene_and_what_each_camera_sees(cameras):
-    env = dock(world="nominal", cameras=cameras, render_mode="rgb_array", width=300, height=200)
-    env.reset(seed=0, options={"pose": (-0.8, 0, 0)})
+    frames = {"render_mode": "rgb_array", "width": 300, "height": 200}
+    env = dock_at((-0.8, 0, 0), world="nominal", cameras=cameras, **frames)
     frame = env.render()
     assert frame.shape == (200, 300, 3)
     env.step(np.array([0.1, 0.1]))
@@ -397,8 +393,7 @@ def found(env, pose):
 
 
 def test_a_mark_is_not_seen_outside_the_picture_or_behind_an_own_print():
-    env = seeing(world=built(), keep_in_view=False)
-    env.reset(seed=0)
+    env = begun(seeing(world=built(), keep_in_view=False))
     assert found(env, (-1, 0, 0)).all()
     turned = found(env, (-1, 0, np.radians(35)))
     assert turned[1].all()

@@ -1,4 +1,4 @@
-"""Grasping: that what is held well is lifted, and what is told is true."""
+"""Grasping: what is held well is lifted, what is told is true, and what geometry says of grasps."""
 
 import mujoco
 import numpy as np
@@ -9,7 +9,7 @@ from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.grasping.held import pressed, surface, ways_to_hold
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, draw_thing, thing_of
 from calfree_gym.robot.grasping.simulation import CHUNK, LEAST_CHUNKS, SETTLING
-from tests.calfree_gym.environments import make
+from tests.calfree_gym.environments import begun, make
 
 OPENING, HELD = 23, 4
 
@@ -45,8 +45,7 @@ def env():
 @pytest.mark.parametrize("shape", SHAPE_NAMES)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_is_grasped_where_it_is_is_lifted_and_held(shape, seed):
-    env = make("Grasp", shape=shape, terminate_on_success=False)
-    env.reset(seed=seed)
+    env = begun(make("Grasp", shape=shape, terminate_on_success=False), seed)
     go(env, 0.095, 0)
     go(env, 0.0, 0)
     closed, *_ = go(env, 0.0, 1)
@@ -93,8 +92,7 @@ def test_rewards_and_ends_follow_from_goals():
     ],
 )
 def test_random_motions_neither_press_hard_nor_diverge(mount, rows, motions):
-    envs = make("Grasp", rows, camera_mount=mount, truth=False)
-    envs.reset(seed=9)
+    envs = begun(make("Grasp", rows, camera_mount=mount, truth=False), 9)
     rng, largest = np.random.default_rng(1), 0.0
     for _ in range(motions):
         observation, _, _, _, info = envs.step(rng.uniform(-1, 1, (rows, 5)).astype(np.float32))
@@ -149,8 +147,7 @@ def test_an_arm_that_presses_goes_back_and_its_registers_say_so(env):
 
 def test_what_was_tipped_is_not_lifted():
     bar = {"shape": "bar", "half_length": 0.07, "half_width": 0.016, "half_height": 0.012}
-    env = make("Grasp", world="nominal", shape=bar)
-    env.reset(seed=0)
+    env = begun(make("Grasp", world="nominal", shape=bar))
     simulation = env.unwrapped.arms.simulation
     place = simulation._all_qpos[0, simulation._free : simulation._free + 7]
     place[2:] = [0.07, np.sqrt(0.5), 0, np.sqrt(0.5), 0]
@@ -163,8 +160,7 @@ def test_what_was_tipped_is_not_lifted():
 @pytest.mark.parametrize("shape", ["sphere", "l_shape"])
 def test_a_thing_falls_as_things_do(shape, diverged):
     """By g t² / 2, whatever it weighs; also after the physics of another trial has diverged."""
-    env = make("Grasp", shape=shape)
-    env.reset(seed=14)
+    env = begun(make("Grasp", shape=shape), 14)
     simulation = env.unwrapped.arms.simulation
     if diverged:
         simulation._qvel[0, -6:] = np.nan
@@ -198,8 +194,7 @@ def test_the_goal_is_where_a_lifted_object_can_be_seen():
 
 
 def test_an_object_is_placed_where_it_is_asked_for():
-    env = make("Grasp", world="nominal")
-    env.reset(seed=15)
+    env = begun(make("Grasp", world="nominal"), 15)
     _, info = env.reset(options={"object": (0.40, 0.05, 0.7)})
     np.testing.assert_allclose(info["truth"]["object"][:2], [0.40, 0.05], atol=1e-9)
 
@@ -215,8 +210,7 @@ def new(**arguments):
 
 
 def test_a_thing_stays_where_it_is_held_and_falls_as_soon_as_jaws_have_let_it_go():
-    env = new(terminate_on_success=False)
-    env.reset(seed=1)
+    env = begun(new(terminate_on_success=False), 1)
     simulation, pose = env.unwrapped.arms.simulation, env.unwrapped.arms.placed[0].pose
     for _ in range(10):
         env.step(np.zeros(6, np.float32))
@@ -228,8 +222,7 @@ def test_a_thing_stays_where_it_is_held_and_falls_as_soon_as_jaws_have_let_it_go
 
 
 def test_the_words_tilt_and_turn_the_gripper_and_no_other_joint():
-    env = new()
-    env.reset(seed=2)
+    env = begun(new(), 2)
     arms = env.unwrapped.arms
     before = arms.simulation.joints()[0]
     for word, joint in ((TILT, 3), (TURN, 4)):
@@ -241,8 +234,7 @@ def test_the_words_tilt_and_turn_the_gripper_and_no_other_joint():
 
 
 def test_postures_are_where_mujoco_has_the_gripper():
-    env = new()
-    env.reset(seed=3)
+    env = begun(new(), 3)
     arms = env.unwrapped.arms
     world, place = arms.world(0), arms.placed[0].pose[:3]
     pitch = next(arms.placing.ways(0, world, arms.placed[0].thing, arms.placed[0].pose)).pitch
@@ -290,8 +282,7 @@ def test_a_thing_is_held_across_and_not_where_it_is_too_wide_or_in_the_way_of_th
 
 @pytest.mark.parametrize("shape", SHAPE_NAMES)
 def test_sampled_points_lie_in_the_thing_that_mujoco_has_and_reach_its_ends(shape):
-    env = new(shape=shape)
-    env.reset(seed=4)
+    env = begun(new(shape=shape), 4)
     thing, simulation = env.unwrapped.arms.placed[0].thing, env.unwrapped.arms.simulation
     model, _ = simulation.show(0, simulation.picture())
     points = surface(thing)
@@ -324,8 +315,7 @@ def test_sampled_points_reach_as_far_as_the_thing_itself():
 
 
 def test_a_thing_out_of_reach_has_no_ways():
-    env = new(shape="sphere", keep_in_view=False)
-    env.reset(seed=7)
+    env = begun(new(shape="sphere", keep_in_view=False), 7)
     arms = env.unwrapped.arms
     far = np.array([0.9, 0.0, 0.12, 1, 0, 0, 0])
     assert not any(arms.placing.ways(0, arms.world(0), arms.placed[0].thing, far))

@@ -7,7 +7,7 @@ from calfree_gym.geometry import quaternion_of, rotation_matrix
 from calfree_gym.robot.inserting import CLEAR, LEANS, NARROWER, RADIUS, InsertingArm, InsertSimulation
 from calfree_gym.tasks.insert import depth_told
 from calfree_gym.world import WorldDistribution
-from tests.calfree_gym.environments import make
+from tests.calfree_gym.environments import begun, make
 
 
 def go(env, ahead, beside=0.0):
@@ -37,8 +37,7 @@ def test_a_peg_beside_the_plate_is_not_in():
 @pytest.mark.parametrize("mount", ["waist", "stand"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_peg_that_is_led_along_the_axis_goes_in(mount, seed):
-    env = make("Insert", camera_mount=mount, terminate_on_success=False)
-    env.reset(seed=seed)
+    env = begun(make("Insert", camera_mount=mount, terminate_on_success=False), seed)
     observation, *_, info = go(env, -0.05)
     assert info["truth"]["depth_mm"] == pytest.approx(-50, abs=1)
     assert observation["achieved_goal"][4] == pytest.approx(-50 / 92, abs=0.15), "perspective bends it"
@@ -54,8 +53,7 @@ def test_a_peg_that_is_led_along_the_axis_goes_in(mount, seed):
 
 
 def test_beside_the_hole_is_the_plate_and_a_guard():
-    env = make("Insert")
-    env.reset(seed=4)
+    env = begun(make("Insert"), 4)
     go(env, -0.02, 0.005)
     for ahead in np.arange(-0.016, 0.01, 0.004):
         *_, info = go(env, ahead, 0.005)
@@ -79,8 +77,7 @@ def test_plates_lean_as_the_gripper_does_and_arms_begin_above_them():
 
 
 def test_the_hole_may_be_given():
-    env = make("Insert", world="nominal", camera_mount="stand")
-    env.reset(seed=0)
+    env = begun(make("Insert", world="nominal", camera_mount="stand"))
     _, info = env.reset(options={"object": (0.4, 0.05, 0.1)})
     np.testing.assert_allclose(info["truth"]["object"], [0.4, 0.05, 0.1])
 

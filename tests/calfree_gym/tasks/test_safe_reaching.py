@@ -23,7 +23,7 @@ from calfree_gym.robot.touching import (
     ramp,
 )
 from tests.arms.own import ARMS
-from tests.calfree_gym.environments import kinematic, make, trials
+from tests.calfree_gym.environments import begun, kinematic, make, trials
 
 DOWN = np.radians([0.0, -35.0, 0.0, 35.0, 0.0])
 """From home, the RV-M2's gripper then meets the table."""
@@ -104,8 +104,7 @@ def test_a_world_is_that_of_reaching_but_for_the_strength_of_its_motors():
     assert 0.25 <= factors.min() < 0.4
     assert 5 < factors.max() <= 8
     world = nominal()
-    env = make("SafeReach", world=world).unwrapped
-    env.reset(seed=0)
+    env = begun(make("SafeReach", world=world).unwrapped)
     assert env.world == world, "a given world is as it is"
 
 
@@ -125,8 +124,7 @@ def test_the_way_to_an_object_touches_nothing():
 
 def test_a_contact_above_the_bound_ends_the_trial_and_says_so():
     for bound, ends in ((20.0, True), (1e6, False)):
-        env = make("SafeReach", world="nominal", force_bound=bound)
-        env.reset(seed=0)
+        env = begun(make("SafeReach", world="nominal", force_bound=bound))
         _, _, terminated, truncated, info = env.step([0.0, -0.3, 0.0])
         assert info["peak_force"] > 20
         assert (truncated, bool(info["harmed"]), terminated) == (ends, ends, False)
@@ -135,15 +133,14 @@ def test_a_contact_above_the_bound_ends_the_trial_and_says_so():
 
 @pytest.mark.parametrize("name", ARMS)
 def test_walls_stand_beside_any_arm_at_home(name):
-    env = make("SafeReach", arm=ARMS[name], camera_mount="stand", world="nominal")
-    env.reset(seed=0)
+    env = begun(make("SafeReach", arm=ARMS[name], camera_mount="stand", world="nominal"))
     arms = env.unwrapped.arms
     home = arms.motors.joints(np.zeros((1, len(arms.robot.motors))), np.array([0]))[0]
     assert arms.simulation.is_collision_free(0, home)
 
 
 def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
-    arm = ARMS["hobby"]
+    arm = dict(ARMS["hobby"])
     env = make("SafeReach", arm=arm, camera_mount="stand", world="nominal")
     room = env.unwrapped.arms.simulation.picture()[0]
     spec = mujoco.MjSpec.from_file(str(arm["model"]))
@@ -153,8 +150,8 @@ def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
     other.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE)
     other.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0], mass=0.1)
     (tmp_path / "two.xml").write_text(spec.to_xml())
-    env = make("SafeReach", arm={**arm, "model": tmp_path / "two.xml"}, camera_mount="stand", world="nominal")
-    env.reset(seed=0)
+    arm |= {"model": tmp_path / "two.xml"}
+    env = begun(make("SafeReach", arm=arm, camera_mount="stand", world="nominal"))
     *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
     assert info["contacts"] == 0
 
@@ -214,8 +211,7 @@ def test_links_do_not_count_that_are_so_near_to_each_other_as_built(name):
 
 def test_a_stopped_arm_stays_where_it_is():
     world = replace(nominal(), backlash=np.full(3, np.radians(2)))
-    env = make("SafeReach", world=world, force_bound=1e6)
-    env.reset(seed=0)
+    env = begun(make("SafeReach", world=world, force_bound=1e6))
     *_, info = env.step([0.0, -0.3, 0.0])
     assert info["contacts"]
     *_, info = env.step([0.0, 0.0, 0.0])

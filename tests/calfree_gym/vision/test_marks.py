@@ -1,4 +1,4 @@
-"""Marks as values: colours, dicts, files and errors."""
+"""Marks as values, dicts and files, and as learned from one's own picture."""
 
 import re
 import sys

@@ -1,4 +1,4 @@
-"""Outliers, dropout and latency against their definitions; privileged quantities; redrawn worlds."""
+"""Outliers, dropout and latency against their definitions; redrawn worlds."""
 
 from dataclasses import replace
 
@@ -10,15 +10,14 @@ from calfree_gym.engine.sight import MeasurementModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
-from tests.calfree_gym.environments import kinematic, make, trials
+from tests.calfree_gym.environments import begun, kinematic, make, trials
 
 LATE = {"type": "latency"}
 
 
 def lifetime(world, motions):
     """Observed points (motions, 4, 2), flags and true points of a resting arm, in pixels."""
-    env = kinematic(world=world, terminate_on_success=False).unwrapped
-    env.reset(seed=1)
+    env = begun(kinematic(world=world, terminate_on_success=False).unwrapped, 1)
     points, flags, true = [], [], []
     for _ in range(motions):
         observation, *_, info = env.step(np.zeros(3))
@@ -93,8 +92,7 @@ def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
     once = worlds(0)
     assert len(set(once)) == 4
     assert worlds(3) == once
-    batch = kinematic(rows=2, redraw="trial")
-    batch.reset(seed=5)
+    batch = begun(kinematic(rows=2, redraw="trial"), 5)
     batch.reset()
     assert batch.unwrapped.worlds[0] == once[1]
 
@@ -111,8 +109,7 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     assert not info["is_success"]
     mounts, worlds = MOVEMASTER.mounts(mount), map(WorldDistribution("wild").sample, range(300))
     seed, out = next((s, w) for s, w in enumerate(worlds) if not in_view(w, MOVEMASTER, mounts, whole=True))
-    env = make(camera_mount=mount, keep_in_view=False).unwrapped
-    env.reset(seed=seed)
+    env = begun(make(camera_mount=mount, keep_in_view=False).unwrapped, seed)
     assert env.world == out
 
 

@@ -1,4 +1,4 @@
-"""The tracker on drawn frames, against the true places of the balls."""
+"""The tracker on drawn frames, against the true places of the balls; and cameras that freeze."""
 
 import warnings
 from dataclasses import replace
@@ -18,7 +18,7 @@ from calfree_gym.vision.tracking.balls import Ball
 from calfree_gym.vision.tracking.blobs import ColourTable
 from calfree_gym.vision.tracking.outlines import RAYS, fit_circles
 from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
-from tests.calfree_gym.environments import kinematic
+from tests.calfree_gym.environments import begun, kinematic
 from tests.calfree_gym.vision.drawings import (
     COLOURS,
     Canvas,
@@ -371,8 +371,7 @@ def test_a_camera_that_writes_into_the_same_array_has_not_frozen(case):
 
 
 def test_simulated_images_without_noise_may_be_the_same(opengl):
-    env = kinematic(world="nominal", observation="vision")
-    env.reset(seed=0)
+    env = begun(kinematic(world="nominal", observation="vision"))
     env.unwrapped.set_world(replace(env.unwrapped.world, image_noise=np.zeros(2)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")

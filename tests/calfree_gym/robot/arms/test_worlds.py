@@ -1,4 +1,4 @@
-"""Worlds of any arm: as long as the arm's parts, in view, and with objects that can be reached."""
+"""Worlds of any arm, in view and reachable; its cameras against MuJoCo's; and that it settles."""
 
 from dataclasses import replace
 
