@@ -183,29 +183,39 @@ ROUGH = {
 }
 
 
+def drawn(name):
+    """400 worlds, by field (400, ...)."""
+    worlds = [WorldDistribution(name).sample(seed) for seed in range(400)]
+    return {field: np.array([getattr(w, field) for w in worlds]) for field in worlds[0].to_dict()}
+
+
+def assert_filled(values, low, high, edge):
+    """Whether values lie in a range, and are near its ends."""
+    assert low <= np.min(values) < low + edge * (high - low)
+    assert high - edge * (high - low) < np.max(values) <= high
+
+
 def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
-    worlds = [WorldDistribution("wild").sample(seed) for seed in range(400)]
-
-    def spread(values, low, high):
-        assert low <= np.min(values) < low + 0.2 * (high - low)
-        assert high - 0.2 * (high - low) < np.max(values) <= high
-
-    spread([w.focal_length / FOCAL_LENGTH for w in worlds], 0.67, 1.5)
-    spread([w.link_lengths / LENGTHS for w in worlds], 0.9, 1.1)
-    spread(np.degrees([w.joint_zeros for w in worlds]), -10, 10)
-    spread([w.motor_gain for w in worlds], 0.5, 2.0)
-    displaced = [np.linalg.norm(w.camera_position - CAMERA_POSITION, axis=1) for w in worlds]
-    spread(displaced, 0.0, 0.1)
-    spread(np.degrees(np.arcsin([-w.light_direction[2] for w in worlds])), 30, 80)
-    spread([np.degrees(np.arctan2(*-w.light_direction[1::-1])) for w in worlds], -180, 180)
-    spread([w.light_strength for w in worlds], 0.3, 0.8)
-    spread([w.light_ambient for w in worlds], 0.3, 0.6)
-    spread([w.exposure for w in worlds], 0.7, 1.4)
-    spread([w.blur for w in worlds], 0.0, 1.2)
-    spread([w.image_noise for w in worlds], 1.0, 5.0)
-    assert len({w.texture.item() for w in worlds} - {0.0}) == len(worlds)
-    assert not np.any([w.occluder for w in worlds])
-    assert {tuple(w.motor_sign) for w in worlds} == set(itertools.product((-1, 1), repeat=3))
+    of = drawn("wild")
+    light = -np.moveaxis(of["light_direction"], -1, 0)
+    for values, low, high in [
+        (of["focal_length"] / FOCAL_LENGTH, 0.67, 1.5),
+        (of["link_lengths"] / LENGTHS, 0.9, 1.1),
+        (np.degrees(of["joint_zeros"]), -10, 10),
+        (of["motor_gain"], 0.5, 2.0),
+        (np.linalg.norm(of["camera_position"] - CAMERA_POSITION, axis=-1), 0.0, 0.1),
+        (np.degrees(np.arcsin(light[2])), 30, 80),
+        (np.degrees(np.arctan2(light[1], light[0])), -180, 180),
+        (of["light_strength"], 0.3, 0.8),
+        (of["light_ambient"], 0.3, 0.6),
+        (of["exposure"], 0.7, 1.4),
+        (of["blur"], 0.0, 1.2),
+        (of["image_noise"], 1.0, 5.0),
+    ]:
+        assert_filled(values, low, high, 0.2)
+    assert len(set(of["texture"].tolist()) - {0.0}) == 400
+    assert not of["occluder"].any()
+    assert {*map(tuple, of["motor_sign"])} == set(itertools.product((-1, 1), repeat=3))
 
 
 def test_worlds_of_before_keep_their_dicts():
@@ -215,11 +225,9 @@ def test_worlds_of_before_keep_their_dicts():
 
 
 def test_wilder_worlds_fill_the_ranges_they_are_said_to_have():
-    worlds = [WorldDistribution("wilder").sample(seed) for seed in range(400)]
-    ways = np.concatenate([w.camera_position - MOVEMASTER.rig.target for w in worlds])
-    distances = np.linalg.norm(ways, axis=1)
-    border = np.array([w.focal_length for w in worlds]) / 256
-    fields = {name: np.array([getattr(w, name) for w in worlds]) for name in worlds[0].to_dict()}
+    fields = drawn("wilder")
+    ways = np.concatenate(fields["camera_position"] - MOVEMASTER.rig.target)
+    distances, border = np.linalg.norm(ways, axis=1), fields["focal_length"] / 256
     for values, low, high in [
         (np.log(distances), np.log(0.3), np.log(5.0)),
         (np.arctan2(ways[:, 1], ways[:, 0]), -np.pi, np.pi),
@@ -235,8 +243,7 @@ def test_wilder_worlds_fill_the_ranges_they_are_said_to_have():
         (fields["point_noise"], 0, 2),
         (np.log(fields["motor_gain"]), np.log(0.5), np.log(2)),
     ]:
-        assert low - 1e-9 <= np.min(values) < low + 0.05 * (high - low)
-        assert high - 0.05 * (high - low) < np.max(values) <= high + 1e-9
+        assert_filled(values, low - 1e-9, high + 1e-9, 0.05)
         assert abs(np.mean(values) - (low + high) / 2) < 0.1 * (high - low)
 
 
@@ -282,8 +289,7 @@ def test_rough_worlds_are_wild_ones_with_the_servos_of_a_hobby_arm(name):
         for error in ("backlash", "repeatability"):
             found[error] += list(np.degrees(getattr(world, error)) / degree)
     for field, (low, high) in ROUGH.items():
-        assert low <= min(found[field]) < low + 0.1 * (high - low), field
-        assert high - 0.1 * (high - low) < max(found[field]) <= high, field
+        assert_filled(found[field], low, high, 0.1)
 
 
 def test_what_no_drawn_world_fulfils_is_named():

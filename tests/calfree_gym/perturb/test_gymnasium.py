@@ -21,10 +21,6 @@ SCHEDULE = [
 ]
 
 
-def knocked(env):
-    return Perturb(env, SCHEDULE)
-
-
 def life(envs, steps=10):
     actions = np.random.default_rng(0).uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)
     found = [envs.reset(seed=3)]

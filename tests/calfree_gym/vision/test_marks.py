@@ -16,7 +16,7 @@ from calfree_gym.vision.tracking.blobs import ColourTable, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import StereoTracker
 from tests.calfree_gym.vision.drawings import Canvas, background, camera
 
-RED, YELLOW, CYAN = Mark((230, 20, 30)), Mark((220, 210, 10)), Mark((10, 200, 210))
+RED, CYAN = Mark((230, 20, 30)), Mark((10, 200, 210))
 channel = st.integers(0, 255)
 
 

@@ -128,11 +128,11 @@ def test_from_dict_names_what_is_unknown_and_what_is_missing():
         Arm.from_dict({"model": "a.xml"})
 
 
-def wide(joint, limits="-60 60"):
+def wide(joint):
     return (
         f'<mujoco><worldbody><body><joint name="turn" axis="0 0 1" {joint}/><geom size="0.02"/>'
-        f'<body pos="0 0 0.1"><joint name="lift" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
-        f'<body pos="0.2 0 0"><joint name="bend" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
+        '<body pos="0 0 0.1"><joint name="lift" axis="0 1 0" range="-60 60"/><geom size="0.02"/>'
+        '<body pos="0.2 0 0"><joint name="bend" axis="0 1 0" range="-60 60"/><geom size="0.02"/>'
         '<site name="tip" pos="0.2 0 0"/></body></body></body></worldbody></mujoco>'
     )
 
