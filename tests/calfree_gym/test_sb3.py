@@ -47,13 +47,6 @@ def test_ppo_sac_and_hindsight_learn_in_it():
     SAC("MultiInputPolicy", sparse, replay_buffer_class=HerReplayBuffer, **few).learn(60)
 
 
-def test_a_seed_given_at_once_is_that_of_the_first_reset():
-    env, seeded = make_sb3_env(n_envs=2, **QUICK), make_sb3_env(n_envs=2, seed=3, **QUICK)
-    env.seed(3)
-    assert_same(seeded.reset(), env.reset())
-    assert seeded.get_attr("world") == env.get_attr("world")
-
-
 def test_rows_have_attributes_and_methods_of_their_own():
     env = make_sb3_env("CalFree/Reach-v0", 3, **QUICK)
     env.seed(0)

@@ -155,21 +155,6 @@ def test_copies_and_states_go_on_alike_in_every_task(case, request):
         again.close()
 
 
-def test_before_the_first_reset_copies_are_made_and_states_are_not():
-    env = made()
-    env.unwrapped.set_world(nominal())
-    copied = copy.deepcopy(env)
-    assert_same(copied.reset(seed=3), env.reset(seed=3))
-    assert copied.unwrapped.world == nominal()
-    with pytest.raises(gym.error.ResetNeeded, match=r"no trial has begun: call reset\(\) first"):
-        made().unwrapped.get_state()
-    with pytest.raises(gym.error.ResetNeeded):
-        made_rows().unwrapped.get_state()
-    for new in (made(), made_rows()):
-        with pytest.raises(gym.error.ResetNeeded):
-            copy.deepcopy(new).unwrapped.step(new.action_space.sample())
-
-
 def test_all_rows_try_what_is_next_from_the_state_of_a_single_arm():
     env, rows = made().unwrapped, made_rows().unwrapped
     env.reset(seed=4)

@@ -236,16 +236,6 @@ def test_reward_and_end_follow_from_goals_alone():
         assert env.compute_terminated(achieved, achieved, {}).all()
 
 
-def test_a_rendezvous_takes_marks_that_are_seen():
-    env = dock_at((0, 0, 0), world=exact(point_dropout=0.3), terminate_on_success=False)
-    met = []
-    for _ in range(60):
-        observation, reward, *_, info = env.step(STILL)
-        met.append(bool(info["is_success"]))
-        assert met[-1] == (reward == 0) == observation["observation"][:8].all()
-    assert 0 < sum(met) < 60
-
-
 def test_a_shown_goal_dies_with_the_camera_and_own_marks_do_not():
     knock = [{**MOTION, "do": {"type": "camera_aim", "camera": "front", "degrees": 8}}]
     errors = {}

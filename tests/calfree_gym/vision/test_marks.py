@@ -173,16 +173,6 @@ def test_marks_picked_one_after_the_other_are_found_in_the_picture(picture, caps
     np.testing.assert_allclose(points[0] * 128 + 128, (125, 65), atol=3)
 
 
-def test_a_mark_picked_again_replaces_itself_and_no_other(picture):
-    assert pick(picture, "object") == 0
-    assert pick(picture, "gripper_1") == 0
-    before = Marks.load(picture.parent / "marks.yaml")
-    assert pick(picture, "object", where=" ".join(box("gripper_2"))) == 0
-    after = Marks.load(picture.parent / "marks.yaml")
-    assert after.gripper_1 == before.gripper_1
-    assert hue_gap(after.object.hue, Mark(COLOURS["gripper_2"]).hue) < 10
-
-
 @pytest.mark.parametrize("half", [9, 14, 22, 30])
 def test_the_box_may_hold_background(picture, half):
     image = np.ascontiguousarray(cv2.imread(str(picture))[..., ::-1])
