@@ -67,6 +67,15 @@ def test_images_differ_exactly_while_the_knock_lasts_and_nothing_else_does(bare,
     assert_same(arrays(env.unwrapped.model), before)
 
 
+def test_a_camera_that_looks_at_a_body_may_be_turned_before_the_first_reset():
+    do = {"type": "camera_roll", "camera": "looker", "degrees": 20}
+    env = begun(Perturb(Workbench(), [{"at": {"episode": 0}, "do": do}], seed=0, images=POINTS), None)
+    bare = begun(Workbench(), None)
+    rolled, axes = (each.unwrapped.data.camera("looker").xmat.reshape(3, 3) for each in (env, bare))
+    np.testing.assert_allclose(rolled[:, 2], axes[:, 2], atol=0.5)
+    assert np.degrees(np.arccos((axes.T @ rolled)[1, 1])) == pytest.approx(20, abs=5)
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_cameras_are_turned_and_moved_as_far_as_is_said(camera):
     def pose(schedule):
