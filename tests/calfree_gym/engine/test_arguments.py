@@ -184,3 +184,9 @@ def test_before_the_first_reset():
     for forbidden in (lambda: env.world, lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))):
         with pytest.raises(gym.error.ResetNeeded, match=r"reset\(\)"):
             forbidden()
+
+
+def test_what_is_far_or_of_numpy_is_allowed():
+    env = kinematic(tolerance_px=np.int64(5))
+    assert env.unwrapped.tolerance_px == 5.0
+    env.reset(options={"object": (-0.6, 0, 0.1)})  # never reached, but not absurd

@@ -17,7 +17,7 @@ import pytest
 import calfree_gym
 from calfree_gym import nominal
 from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import View
+from calfree_gym.rendering.renderer import Renderer, View
 from calfree_gym.rendering.stereo_images import LensMap, StereoImages
 from calfree_gym.robot.arms.scene import RADIUS
 from calfree_gym.robot.objects import LinesOfSight
@@ -367,3 +367,26 @@ except RuntimeError as error:
 )
 def test_copies_of_a_process_that_drew_say_so_and_do_not_wait_for_ever(context, before, said):
     assert said in ended(ASYNC, context, before)
+
+
+SITES = {"a": "-.2 .1 0", "b": ".2 .1 0", "c": "-.2 -.1 0", "d": ".2 -.1 0"}
+
+
+@DRAWS
+def test_a_scene_grows_for_whatever_there_is_to_draw(tmp_path, monkeypatch):
+    """Here for a rope of 1,500 pieces, behind which a red one would be left out."""
+    monkeypatch.chdir(tmp_path)  # where MuJoCo tells that a scene is full
+    sites = "".join(f'<site name="{name}" pos="{place}"/>' for name, place in SITES.items())
+    rope = '<site site="a"/><site site="b"/>' * 750
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><camera name="eye" pos="0 0 1"/>{sites}</worldbody><tendon>'
+        f'<spatial width=".02">{rope}</spatial>'
+        '<spatial width=".02" rgba="1 0 0 1"><site site="c"/><site site="d"/></spatial></tendon></mujoco>'
+    )
+    data, eye = mujoco.MjData(model), mujoco.MjvCamera()
+    mujoco.mj_forward(model, data)
+    eye.type, eye.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
+    renderer = Renderer(model, data, 64)
+    red, green, _ = np.moveaxis(renderer.draw([View(eye, 64, 64)], ())[0][0].astype(int), -1, 0)
+    renderer.close()
+    assert np.count_nonzero(red > green + 50) > 20

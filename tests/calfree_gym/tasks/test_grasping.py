@@ -293,3 +293,9 @@ def test_a_thing_out_of_reach_has_no_ways():
     arms = env.unwrapped.arms
     far = np.array([0.9, 0.0, 0.12, 1, 0, 0, 0])
     assert not any(arms.placing.ways(0, arms.world(0), arms.placed[0].thing, far))
+
+
+def test_a_given_pose_is_where_the_thing_is():
+    env, pose = new(shape="box"), np.array([0.4, 0.05, 0.12, 0.5, 0.5, -0.5, 0.5])
+    env.reset(seed=8, options={"object": pose})
+    np.testing.assert_allclose(env.unwrapped.arms.simulation.configuration(0)[-7:], pose)

@@ -5,7 +5,9 @@ from dataclasses import replace
 from functools import partial
 
 import cv2
+import matplotlib.cbook
 import numpy as np
+import PIL.Image
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,6 +25,7 @@ from tests.calfree_gym.vision.drawings import (
     background,
     camera,
     compared,
+    cut_out,
     drawn,
     through_jpeg,
 )
@@ -364,3 +367,16 @@ def test_simulated_images_without_noise_may_be_the_same(opengl):
             observation, *_ = env.step(np.array([1, 0, 0], np.float32))
             assert observation["observation"][:2].all()
     env.close()
+
+
+def test_balls_before_a_photograph_of_much_blue_and_red():
+    """A portrait that comes with matplotlib: a navy coat, and a flag."""
+    with matplotlib.cbook.get_sample_data("grace_hopper.jpg") as file:
+        photograph = np.array(PIL.Image.open(file).convert("RGB"))
+    found, _ = compared(drawn(4, 60, hide=0.3, behind=cut_out(photograph)))
+    error = found[found[:, 0] > 0.95, 1]
+    assert len(error) > 100
+    assert np.isfinite(error).mean() >= 0.95
+    assert np.nanmedian(error) <= 0.25
+    assert (error[np.isfinite(error)] <= 1).mean() >= 0.95
+    assert np.isfinite(found[found[:, 0] == 0, 1]).mean() <= 0.05
