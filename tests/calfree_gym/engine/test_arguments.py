@@ -181,7 +181,8 @@ def test_worlds_that_are_set():
 
 def test_before_the_first_reset():
     env, envs = make().unwrapped, make(rows=2)
-    for forbidden in (lambda: env.world, lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))):
+    steps = lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))
+    for forbidden in (lambda: env.world, *steps, env.get_state, envs.unwrapped.get_state):
         with pytest.raises(gym.error.ResetNeeded, match=r"reset\(\)"):
             forbidden()
 

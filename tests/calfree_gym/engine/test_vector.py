@@ -202,3 +202,14 @@ def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, rows)
 def _flat(forms):
     for value in forms.values():
         yield from _flat(value) if isinstance(value, dict) else [value]
+
+
+def test_same_step_infos_count_perturbations_of_rows_that_are_not_over():
+    every = [{"every": {"motion": 1}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.1}}]
+    env = kinematic(rows=2, world=nominal(), autoreset_mode="SameStep", perturbations=every)
+    env.reset(seed=[0, 1])
+    env.step(np.zeros((2, 3)))
+    env.unwrapped._max_episode_steps = np.array([2, 60])
+    *_, infos = env.step(np.zeros((2, 3)))
+    np.testing.assert_array_equal(infos["perturbed"], [0, 1])
+    np.testing.assert_array_equal(infos["final_info"]["perturbed"], [1, 1])

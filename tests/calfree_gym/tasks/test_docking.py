@@ -405,6 +405,6 @@ def test_worlds_and_starts_have_all_tags_in_view():
         env = seeing(cameras=cameras).unwrapped
         for seed in range(3):
             env.reset(seed=seed)
-            assert env.arms._workspaces.seen(env.arms.rolling.before_seeing()[:, None], np.array([0])).all()
+            assert env.arms._workspaces.seen(env.arms.rolling.before_dock()[:, None], np.array([0])).all()
     with pytest.raises(ValueError, match="all by tags of 13 pixels or more"):
         seeing(world=built(focal_length=[130.0]))
