@@ -29,6 +29,12 @@ def kinematic(rows=None, **arguments):
     return make("Reach", rows, dynamics="kinematic", **arguments)
 
 
+def begun(env, seed=0, **options):
+    """An environment, in its first trial."""
+    env.reset(seed=seed, **options)
+    return env
+
+
 def trials(env, count, seed=0):
     """Begins so many trials, the first with a seed; what each reset shows."""
     for trial in range(count):

@@ -1,9 +1,11 @@
-"""One seed, one trajectory, bit by bit: alone or in a batch, here or in another process."""
+"""One seed, one trajectory, bit by bit: alone or in a batch, in a pool of worlds or another process."""
 
+import gc
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -12,9 +14,10 @@ from gymnasium.envs.registration import EnvSpec
 
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym import world as worlds
+from calfree_gym.perturbations import TYPES
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS
-from tests.calfree_gym.environments import alone, assert_same, make, together
+from tests.calfree_gym.environments import OF_ARMS, alone, assert_same, make, together
 from tests.calfree_gym.robot.one_motor import FIELDS
 
 SEEDS = [3, 14, 15, 92, 6]
@@ -49,7 +52,6 @@ def trajectory(env, seed):
 
 
 def trajectories(seeds, threads, **arguments):
-    """The same of rows stepped together."""
     envs = make(rows=len(seeds), threads=threads, **arguments)
     return together(envs, np.stack([words(seed, envs.action_space.shape[1]) for seed in seeds], 1), seeds)
 
@@ -91,6 +93,7 @@ CASES = {
         )
         for dynamics in ("kinematic", "physics")
     },
+    "Reach pool": ("Reach", 0.2, {"dynamics": "kinematic", "redraw": "trial", "pool": 3}),
     "SafeReach": ("SafeReach", 1.0, {}),
     "Grasp": ("Grasp", 0.3, {}),
     "Grasp any": ("Grasp", 0.1, {"orientation": "any"}),
@@ -139,17 +142,6 @@ def test_one_seed_is_one_trajectory_of_any_arm(name, dynamics):
         assert_same(trajectories(SEEDS[:2], threads, max_episode_steps=6, **arguments), singles)
 
 
-def test_rows_in_spawned_children_are_the_batched_rows():
-    def steps(mode, **vector):
-        env = make(rows=2, vectorization_mode=mode, vector_kwargs=vector, perturbations=SCHEDULE)
-        found = [env.reset(seed=8)[0]]
-        found += [env.step(np.stack([word, -word]))[0] for word in words(0)]
-        env.close()
-        return found
-
-    assert_same(steps("async", context="spawn"), steps("vector_entry_point"))
-
-
 def test_a_new_world_field_moves_no_other_draw(monkeypatch):
     def several():
         return [trajectory(make(perturbations=SCHEDULE), seed) for seed in range(3)]
@@ -163,3 +155,116 @@ def test_a_new_world_field_moves_no_other_draw(monkeypatch):
     monkeypatch.setitem(worlds.DISTRIBUTIONS, "wild", with_a_new_field)
     assert_same(several(), before)
     assert drawn
+
+
+SIZE = 3
+KNOCKS = [
+    {"every": {"motion": 4}, "do": {"type": "camera_roll", "camera": "left"}},
+    {"every": {"motion": 5}, "do": {"type": "point_noise", "px": 3}},
+    {"every": {"motion": 6}, "do": {"type": "backlash", "degrees": 2}},
+    {"every": {"motion": 7}, "do": {"type": "latency", "motions": 1}},
+    {"every": {"motion": 8}, "do": {"type": "gear_ripple", "period": 0.25, "depth": 0.5}},
+]
+
+
+def made(task, **arguments):
+    placed = {"dynamics": "kinematic"} if task == "Reach" else {}
+    return make(task, max_episode_steps=3, terminate_on_success=False, **placed, **arguments).unwrapped
+
+
+def drawn(task):
+    env, worlds = made(task), []
+    for seed in range(SIZE):
+        env.reset(seed=seed)
+        worlds.append(env.world)
+    return worlds
+
+
+@pytest.mark.parametrize(
+    ("task", "trials", "knocks"),
+    [("Reach", 30, KNOCKS), ("Grasp", 4, None), ("SafeReach", 4, None), ("Dock", 4, None)],
+)
+def test_a_trial_is_as_in_its_world_whatever_was_knocked_before(task, trials, knocks):
+    pool, by_hand = (
+        made(task, redraw="trial", pool=SIZE, perturbations=knocks),
+        made(task, perturbations=knocks),
+    )
+    worlds, rng = drawn(task), np.random.default_rng(0)
+    pool.reset(seed=77)
+    by_hand.reset(seed=77)
+    seen = [worlds.index(pool.world)]
+    for _ in range(trials):
+        for env in (pool, by_hand):
+            for words in rng.uniform(-0.2, 0.2, (3, *pool.action_space.shape)):
+                env.step(words.astype(np.float32))
+        looks = [pool.reset()]
+        seen.append(worlds.index(pool.world))
+        by_hand.set_world(worlds[seen[-1]])
+        looks.append(by_hand.reset())
+        words = rng.uniform(-0.2, 0.2, pool.action_space.shape).astype(np.float32)
+        looks += [pool.step(words), by_hand.step(words)]
+        for first, second in (looks[:2], looks[2:]):
+            assert_same(first[0], second[0])
+    assert set(seen) == set(range(SIZE)) or trials < 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"pool": 0, "redraw": "trial"}, r"pool is 0; it must be a whole number"),
+        ({"pool": 2.5, "redraw": "trial"}, r"pool is 2\.5; it must be a whole number"),
+        ({"pool": 5}, "every trial takes a world of the pool: redraw is 'never'"),
+    ],
+)
+def test_what_cannot_be_a_pool_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        made("Reach", **arguments)
+
+
+def test_a_pool_has_worlds_of_one_distribution():
+    with pytest.raises(ValueError, match="worlds of one distribution"):
+        make(rows=2, world=["wild", "coarse"], redraw="trial", pool=5)
+
+
+ROWS = 128
+STATUS = Path("/proc/self/status")
+
+
+def resident_megabytes():
+    gc.collect()
+    (line,) = (line for line in STATUS.read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not STATUS.exists(), reason="reads memory from /proc")
+@pytest.mark.parametrize("keep_in_view", [True, False])
+def test_half_a_million_random_motions(keep_in_view):
+    schedule = [{"every": {"motion": 900 + 7 * i}, "do": {"type": name}} for i, name in enumerate(OF_ARMS)]
+    if not keep_in_view:
+        drifting = [name for name in OF_ARMS if TYPES[name].drifts]
+        schedule += [{"drift": {"per": "trial"}, "do": {"type": name}} for name in drifting]
+    arguments = {"dynamics": "kinematic", "perturbations": schedule, "keep_in_view": keep_in_view}
+    told = ("joint_angles", "joint_zeros", "gripper_position")
+    env = make("ReachDense", ROWS, tell=told, **arguments).unwrapped
+    rng = np.random.default_rng(0)
+    observation, _ = env.reset(seed=0)
+    steps = 500_000 // ROWS + 1
+    applied = set()
+    for step in range(steps):
+        for key, value in observation.items():
+            space = env.observation_space[key]
+            assert (value >= space.low).all(), key  # which no NaN is
+            assert (value <= space.high).all(), key
+        scale = rng.choice([0.02, 0.3, 1.0])
+        words = rng.uniform(-scale, scale, (ROWS, 3)).astype(np.float32)
+        observation, rewards, _, _, infos = env.step(words)
+        assert np.isfinite(rewards).all()
+        assert np.isfinite(infos["robot_seconds"]).all()
+        for key in ("error_px", "distance_mm", "points", "gripper", "object", "joints"):
+            assert np.isfinite(infos["truth"][key]).all(), key
+        applied |= {perturbation.type for of_row in env.applied for perturbation in of_row}
+        if step == steps // 5:
+            before = resident_megabytes()
+    assert applied == set(OF_ARMS)
+    assert resident_megabytes() - before < 10

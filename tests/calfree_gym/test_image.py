@@ -1,23 +1,12 @@
-"""Pixels and image units, and what rounding must not decide."""
+"""Image units and streams: what rounding and seeds must not decide."""
+
+import zlib
 
 import numpy as np
 import pytest
 
-from calfree_gym.image import (
-    IMAGE_SIZE,
-    IMAGE_UNIT,
-    PIXELS_PER_UNIT,
-    inner,
-    inside,
-    lengths,
-    lengths_px,
-    rounded,
-)
-
-
-def test_an_image_is_two_units_wide():
-    assert IMAGE_SIZE * IMAGE_UNIT == 2
-    assert PIXELS_PER_UNIT * IMAGE_UNIT == 1
+from calfree_gym.image import IMAGE_UNIT, inner, inside, lengths, lengths_px, rounded
+from calfree_gym.streams import stream
 
 
 def test_lengths_in_units_and_in_pixels():
@@ -55,3 +44,15 @@ def test_an_inner_product_of_perpendicular_vectors_has_no_sign(seed):
     assert inner(small, large) == 0
     assert inner(small, np.zeros(6)) == 0
     assert inner(small, large - 1e-2 * one) == pytest.approx(-1e-5, rel=1e-3)
+
+
+NAME = "world_lens"
+
+
+@pytest.mark.parametrize("seed", [0, 7, 2**32 - 1, 2**32, 2**63])
+@pytest.mark.parametrize("indices", [(), (0,), (3, 2**32 - 1), (2**32, 0)])
+def test_a_stream_is_that_of_its_seed_and_spawn_key(seed, indices):
+    sequence = np.random.SeedSequence(seed, spawn_key=(zlib.crc32(NAME.encode()), *indices))
+    np.testing.assert_array_equal(
+        stream(seed, NAME, *indices).random(9), np.random.Generator(np.random.PCG64(sequence)).random(9)
+    )

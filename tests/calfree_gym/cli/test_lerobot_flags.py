@@ -31,10 +31,7 @@ def test_they_describe_lerobots_follower_with_two_cameras():
         (["--robot.type=so102_follower"], "so102_follower"),
         ([TYPE], "port"),
         ([TYPE, "--robot.port=p", "--robot.prot=3"], "prot"),
-        (
-            [TYPE, "--robot.port=p", "--robot.cameras={left: {type: opencw}}"],
-            "opencw",
-        ),
+        ([TYPE, "--robot.port=p", "--robot.cameras={left: {type: opencw}}"], "opencw"),
     ],
 )
 def test_flags_that_lerobot_does_not_take_are_refused(flags, said):

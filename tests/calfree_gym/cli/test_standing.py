@@ -1,6 +1,9 @@
-"""`calfree check`, `watch`, `marks` and `pick`, on the bench: nothing moves."""
+"""`calfree` on the bench: what it tells and writes and refuses, and that the arm holds however it ends."""
 
+import base64
 import http.client
+import importlib.util
+import re
 import socket
 import sys
 import threading
@@ -13,16 +16,20 @@ import cv2
 import numpy as np
 import pytest
 
+from calfree_gym.cli import main
+from calfree_gym.cli import reach as command
 from calfree_gym.cli.drawing import MARKS, drawn, pixels
+from calfree_gym.cli.film import MARKED
 from calfree_gym.cli.standing import StandingRobot
 from calfree_gym.cli.watch import Page
+from calfree_gym.lerobot import LeRobotReachEnv
 from tests.calfree_gym.cli.bench import calfree
+from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 
 ROUND = np.array([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
 
 
 def test_rings_are_drawn_where_gripper_and_object_are(robot):
-    """Against the bench's own geometry, its lens apart."""
     standing = StandingRobot(robot, ("left", "right"))
     robot.place_object()
     look = standing.look()
@@ -73,7 +80,6 @@ def test_warnings_are_told_in_words(robot, tmp_path, capsys):
 
 
 def interrupted(robot, looks):
-    """The robot, at whose next look but so many somebody presses Ctrl-C."""
     observe, left = robot.get_observation, iter(range(looks))
 
     def get_observation():
@@ -105,11 +111,6 @@ def test_watch_shows_lerobots_viewer_what_is_seen(robot, monkeypatch):
     assert [{name: each.shape for name, each in two.items()} for two in pictures] == [
         {"left": (480, 640, 3), "right": (480, 640, 3)}
     ] * 2
-
-
-def test_watch_tells_its_page(robot, capsys):
-    assert calfree(["watch", "--port=0"], interrupted(robot, 1)) == 0
-    assert "http://127.0.0.1:" in capsys.readouterr().out
 
 
 def test_a_camera_that_is_gone_ends_watch(robot, capsys):
@@ -187,3 +188,192 @@ def test_pick_is_that_of_the_package_of_vision(tmp_path, capsys):
     given = ["--box", "85", "85", "30", "30", "--mark", "object", f"--out={tmp_path / 'marks.yaml'}"]
     assert calfree(["pick", str(tmp_path / "room.png"), *given], None) == 0
     assert "the tracker finds object in the box" in capsys.readouterr().out
+
+
+ROBOT = ["--robot.type=so101_follower", "--robot.port=/dev/ttyACM0", "--robot.id=arm"]
+
+
+class NoRobot:
+    """One that must not be asked for anything."""
+
+    is_connected = False
+
+
+class Absent(FakeSO101):
+    def connect(self, calibrate=True):
+        raise RuntimeError("FeetechMotorsBus motor check failed on port '/dev/ttyACM0': Missing motor IDs: 3")
+
+
+class Saved:
+    """An agent that no other one can load."""
+
+    def save(self, path):
+        path.write(b"another agent's")
+
+
+def code(command, robot):
+    try:
+        return calfree(command.split(), robot)
+    except SystemExit as error:
+        return error.code
+
+
+NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
+
+
+@pytest.mark.parametrize(
+    ("robot", "command", "said"),
+    [
+        (NoRobot, "", "required: command"),
+        (NoRobot, "reech", "invalid choice: 'reech'"),
+        (NoRobot, "reach --robot.port=/dev/ttyACM0 --reach=3", "reach does not take --reach=3"),
+        (NoRobot, "marks --robot.port=/dev/ttyACM0", "marks does not take --robot.port"),
+        (NoRobot, "marks --paper=A3", "invalid choice: 'A3'"),
+        (NoRobot, "marks --out=none/tags.pdf", "none/tags.pdf"),
+        (NoRobot, "watch --display_data=maybe", "'maybe' is neither true nor false"),
+        (NoRobot, "check --marks=none.yaml", "none.yaml"),
+        (NoRobot, "reach --agent=memorie", "agent is 'memorie' (did you mean memory?)"),
+        (NoRobot, "reach --reaches=0", "reaches is 0"),
+        (NoRobot, "reach --speed=fast", "invalid float value: 'fast'"),
+        (NoRobot, "reach --load=none.zip", "--load none.zip: there is no such file"),
+        (NoRobot, "reach --save=none/arm.zip", "--save none/arm.zip: there is no such folder"),
+        (FakeSO101, "check --cameras=left,rigth", "no camera 'rigth' (did you mean right?)"),
+        (FakeSO101, "check --cameras=left", "it must be the names of two of left, right"),
+        (FakeSO101, "check --motors=elbow", "no motor 'elbow' (did you mean elbow_flex?)"),
+        (FakeSO101, "check --unit=0", "unit is 0.0; it must be a number above 0"),
+        (FakeSO101, "watch --cameras=front,right", "no camera 'front'"),
+        (FakeSO101, "watch --port=70000", "choose another one with --port"),
+        (FakeSO101, "reach --cameras=left,rigth", "no camera 'rigth' (did you mean right?)"),
+        (FakeSO101, "reach --unit=170", "smaller unit"),
+        (FakeSO101, "reach --tolerance-px=-1", "tolerance_px is -1"),
+        (FakeSO101, "reach --max-motions=0", "max_motions is 0"),
+        (FakeSO101, "reach --agent=unified_servo --load=arm.calfree", "--load arm.calfree: "),
+        *((Absent, command, NO_ANSWER) for command in ("check", "watch", "reach")),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(robot, command, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if "arm.calfree" in command:
+        LeRobotReachEnv(FakeSO101(), ("left", "right")).save(Saved(), "arm.calfree")
+    robot = robot()
+    stood = None if isinstance(robot, NoRobot) else robot.plant.targets.copy()
+    assert code(command, robot) == 2
+    assert said in capsys.readouterr().err
+    if stood is not None:
+        np.testing.assert_array_equal(robot.plant.targets, stood)
+
+
+def test_a_port_that_is_taken_is_told(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert code(f"watch --port={port}", FakeSO101()) == 2
+    assert f"port {port}: " in capsys.readouterr().err
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lerobot") is not None, reason="LeRobot is installed")
+@pytest.mark.parametrize("command", ["check", "watch", "reach --agent=unified_servo"])
+def test_without_lerobot_it_is_said_how_to_install_it(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*command.split(), *ROBOT]) == 2
+    assert "pip install 'lerobot[feetech]>=0.6,<0.7', with Python 3.12" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lerobot") is not None, reason="LeRobot is installed")
+def test_lerobots_viewer_needs_lerobot(capsys):
+    assert code("watch --display_data=true", FakeSO101()) == 2
+    assert "--display_data needs LeRobot" in capsys.readouterr().err
+
+
+class Scripted:
+    def __init__(self, env):
+        self.env, self.num_timesteps, self.events = env, 0, [SimpleNamespace(kind="zoomed")]
+
+    def learn(self, total_timesteps, callback):
+        self.env.reset()
+        go_on = True
+        while go_on:
+            self.env.step(np.full(5, 0.05, np.float32))
+            self.num_timesteps += 1
+            go_on = callback(self)
+        if self.num_timesteps == 4:
+            self.events.append(SimpleNamespace(kind="re-aimed"))
+
+
+@pytest.fixture
+def run(robot, tmp_path, monkeypatch):
+    package = SimpleNamespace(names=lambda: ["scripted"], make=lambda name, env: Scripted(env))
+    monkeypatch.setattr(command, "agents_package", lambda: package)
+
+    def run(*arguments, happens=None):
+        given = ["reach", "--agent=scripted", "--max-motions=2", f"--out={tmp_path}", *arguments]
+        code = calfree(given, robot, happens, supports=False)
+        return code, (tmp_path / "report.html").read_text()
+
+    return run
+
+
+def film(folder):
+    """Its pictures (h, w, 3), RGB."""
+    _, found = cv2.imreadanimation(str(folder / "film.webp"))
+    return [each[..., 2::-1] for each in found.frames]
+
+
+def is_framed(picture):
+    return np.abs(picture[100:300, :3].reshape(-1, 3).mean(0) - MARKED).max() < 60
+
+
+def test_a_servo_reaches_and_the_report_tells_it(power, opengl, tmp_path, capsys):
+    robot = FakeSO101(2, power)
+    given = ["--agent=unified_servo", "--reaches=2", f"--out={tmp_path}", f"--save={tmp_path / 'arm.zip'}"]
+    assert calfree(["reach", *given], robot) == 0
+    told = capsys.readouterr().out
+    motions = [int(each) for each in re.findall(r"^reach \d: reached, (\d+) motions?,", told, re.M)]
+    assert len(motions) == 2
+    assert (tmp_path / "arm.zip").exists()
+    page = (tmp_path / "report.html").read_text()
+    assert "<h1>unified_servo reached 2 of 2 times</h1>" in page
+    rows = re.findall(r"<tr><td>(\d)</td><td>yes</td><td>(\d+)</td>", page)
+    assert [int(found) for _, found in rows] == motions
+    assert not re.search(r'(src|href)="(?!data:)', page), "it needs no other file"
+    pictures = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', page)
+    assert len(pictures) == 4, "before and after"
+    for each in pictures:
+        decoded = cv2.imdecode(np.frombuffer(base64.b64decode(each), np.uint8), cv2.IMREAD_COLOR)
+        assert decoded.shape == (360, 960, 3)
+    assert len(film(tmp_path)) == sum(motions) + 2, "one a motion, and one from home"
+    assert power.read_text() == "off", "somebody supports the arm"
+
+
+def test_what_the_agent_has_noticed_is_told_and_marked(run, tmp_path, capsys):
+    code, page = run("--reaches=3")
+    assert code == 0
+    assert "<li>in reach 2: re-aimed</li>" in page
+    assert "zoomed" not in page, "it was noticed earlier"
+    told = capsys.readouterr().out
+    assert re.search(
+        r"^reach 2: not reached, 2 motions.*\n  the agent has noticed a change: re-aimed\nreach 3", told, re.M
+    )
+    assert [is_framed(each) for each in film(tmp_path)] == [False] * 3 + [True] * 3 + [False] * 3
+
+
+def test_a_camera_that_is_gone_ends_the_run_and_the_report_says_so(run, robot, power, capsys):
+    def unplug():
+        robot.cameras["left"].unplugged = True
+
+    code, page = run("--reaches=3", happens={2: unplug})
+    assert code == 1
+    assert "The run could not go on" in page
+    assert "OpenCVCamera(left)" in page
+    assert "<h1>scripted reached 0 of 1 times</h1>" in page
+    assert "The arm goes on to hold" in capsys.readouterr().out
+    assert power.read_text() == "on"
+
+
+def test_after_ctrl_c_the_arm_holds_and_the_report_is_written(run, power):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    code, page = run("--reaches=3", happens={2: interrupt})
+    assert code == 130
+    assert "KeyboardInterrupt" in page
+    assert power.read_text() == "on"

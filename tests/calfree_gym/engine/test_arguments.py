@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import nominal
-from tests.calfree_gym.environments import TASKS, kinematic, make
+from tests.calfree_gym.environments import TASKS, begun, kinematic, make
 
 AWAY = nominal().to_dict() | {
     "camera_orientation": nominal().camera_orientation[:, [1, 0, 3, 2]] * [-1, 1, -1, 1]
@@ -146,8 +146,7 @@ def test_options(arguments, options, message):
     ],
 )
 def test_words(arguments, words, message):
-    env = make(world="nominal", **arguments)
-    env.reset(seed=0)
+    env = begun(make(world="nominal", **arguments))
     with pytest.raises(ValueError, match=message):
         env.step(words)
 
@@ -171,8 +170,7 @@ def test_seeds(seed, message):
 
 
 def test_worlds_that_are_set():
-    env = kinematic().unwrapped
-    env.reset(seed=0)
+    env = begun(kinematic().unwrapped)
     with pytest.raises(ValueError, match="not in view on the 'waist' mount"):
         env.set_world(type(nominal()).from_dict(AWAY))
     with pytest.raises(TypeError, match="str"):
@@ -183,7 +181,8 @@ def test_worlds_that_are_set():
 
 def test_before_the_first_reset():
     env, envs = make().unwrapped, make(rows=2)
-    for forbidden in (lambda: env.world, lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))):
+    steps = lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))
+    for forbidden in (lambda: env.world, *steps, env.get_state, envs.unwrapped.get_state):
         with pytest.raises(gym.error.ResetNeeded, match=r"reset\(\)"):
             forbidden()
 

@@ -1,15 +1,12 @@
 """Observations that come from rendered images, and points that can be hidden."""
 
 from contextlib import ExitStack, closing
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from calfree_gym.engine.spaces import image_distances
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.tasks.reach import rendezvous
 from tests.calfree_gym.environments import kinematic
 
 KINDS = {
@@ -25,7 +22,6 @@ pytestmark = pytest.mark.usefixtures("opengl")
 
 @pytest.fixture
 def make():
-    """Makes environments of 48 pixels, kinematic, and closes them."""
     with ExitStack() as made:
         yield lambda observation, **arguments: made.enter_context(
             closing(kinematic(image_size=48, observation=observation, **arguments))
@@ -61,17 +57,6 @@ def test_vision_sees_the_points_that_projection_has(make):
     assert np.mean(seen[::2]) > 0.97, "at home all is seen"
     assert np.median(errors) < 0.25
     assert np.quantile(errors, 0.95) < 1.2
-
-
-def test_points_are_not_noisy_twice(make):
-    """The noise of points belongs to `"points"`; a rendered image has noise of its own."""
-    env = make("vision")
-    env.reset(seed=3)
-    env.unwrapped.set_world(replace(env.unwrapped.world, point_noise=20.0, point_dropout=0.9))
-    observation, info = env.reset()
-    assert observation["observation"][:4].all()
-    points = np.concatenate([observation["achieved_goal"], observation["desired_goal"]])
-    assert np.abs(points - info["truth"]["points"]).max() * IMAGE_SIZE / 2 < 3
 
 
 @pytest.mark.parametrize("kind", ["vision", "pixels"])
@@ -113,30 +98,3 @@ def test_with_occlusion_all_is_seen_at_home_and_at_the_rendezvous(mount):
         there = observation["object_registers"] - env.unwrapped.arms.registers[0]
         assert env.step(there)[0]["observation"][:4].all()
     assert hidden > 0
-
-
-def test_without_occlusion_nothing_is_drawn_otherwise():
-    """A world and its objects are those of an environment that knows of no occlusion."""
-    env = kinematic()
-    env.reset(seed=7)
-    place = env.unwrapped.arms.simulation.positions()[1][0]
-    assert place == pytest.approx([0.31666, 0.28085, 0.13917], abs=1e-4)
-
-
-def test_hidden_points_show_no_rendezvous():
-    env, coincident = kinematic(camera_mount="stand", occlusion=True, tolerance_px=60.0), 0
-    rng = np.random.default_rng(0)
-    for seed in range(40):
-        observation, _ = env.reset(seed=seed)
-        for _ in range(6):
-            observation, _, terminated, _, info = env.step(rng.uniform(-0.5, 0.5, 3))
-            arms = env.unwrapped.arms
-            distances = image_distances(observation["achieved_goal"], observation["desired_goal"])
-            assert terminated == bool(rendezvous(distances, arms.tolerance)) == info["is_success"]
-            if not observation["observation"][:4].all():
-                assert not terminated
-                last = arms.points.reshape(1, 8)
-                coincident += bool(rendezvous(image_distances(last[:, :4], last[:, 4:]), arms.tolerance)[0])
-            if terminated:
-                break
-    assert coincident > 0, "some would show one by where they were seen last"

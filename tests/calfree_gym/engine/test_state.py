@@ -1,21 +1,25 @@
-"""Copies and states: from any moment on, the same steps, resets, worlds and perturbations, bit by bit."""
+"""Copies and states go on alike, bit by bit, from any moment; and what fails changes nothing."""
 
 import copy
-import functools
 import pickle
 from dataclasses import replace
+from functools import partial
+from itertools import count
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from calfree_gym import nominal
+from calfree_gym.robot import workspace
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.workspace import in_view
+from calfree_gym.world import WorldDistribution
 from tests.arms import own
-from tests.calfree_gym.environments import assert_same, make, of_row
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make, of_row
 from tests.calfree_gym.robot.one_motor import FIELDS
 
 SCHEDULE = [
@@ -56,7 +60,6 @@ def physics(env):
 
 
 def lived(env, motions, seed=0):
-    """All that so many motions show, with resets where trials end."""
     rng = np.random.default_rng(seed)
     shape = env.action_space.shape
     found = []
@@ -75,6 +78,8 @@ def lived(env, motions, seed=0):
 def test_a_copy_goes_on_as_the_original_and_shares_nothing_with_it(moment, dynamics, how, batched):
     env = (made_rows if batched else made)(dynamics=dynamics)
     env.reset(seed=11)
+    env.action_space.seed(3)
+    env.action_space.sample()
     lived(env, moment)
     twin = COPIES[how](env)
     copied = COPIES[how](env)
@@ -86,6 +91,7 @@ def test_a_copy_goes_on_as_the_original_and_shares_nothing_with_it(moment, dynam
     twin.reset(seed=5)
     assert_same(lived(copied, 12, seed=1), expected)
     assert_same(copied.reset(), env.reset())
+    assert_same(copied.action_space.sample(), env.action_space.sample())
     assert_same(copied.reset(seed=3), env.reset(seed=3))
 
 
@@ -149,30 +155,7 @@ def test_copies_and_states_go_on_alike_in_every_task(case, request):
         again.close()
 
 
-def test_before_the_first_reset_copies_are_made_and_states_are_not():
-    env = made()
-    env.unwrapped.set_world(nominal())
-    copied = copy.deepcopy(env)
-    assert_same(copied.reset(seed=3), env.reset(seed=3))
-    assert copied.unwrapped.world == nominal()
-    with pytest.raises(gym.error.ResetNeeded, match=r"no trial has begun: call reset\(\) first"):
-        made().unwrapped.get_state()
-    with pytest.raises(gym.error.ResetNeeded):
-        made_rows().unwrapped.get_state()
-    for new in (made(), made_rows()):
-        with pytest.raises(gym.error.ResetNeeded):
-            copy.deepcopy(new).unwrapped.step(new.action_space.sample())
-
-
-def test_spaces_are_copied_where_their_random_numbers_are():
-    env = made()
-    env.action_space.seed(3)
-    env.action_space.sample()
-    np.testing.assert_array_equal(copy.deepcopy(env).action_space.sample(), env.action_space.sample())
-
-
 def test_all_rows_try_what_is_next_from_the_state_of_a_single_arm():
-    """What a planner does: the row that does what the single arm then does ends where it ends."""
     env, rows = made().unwrapped, made_rows().unwrapped
     env.reset(seed=4)
     lived(env, 5)
@@ -191,30 +174,6 @@ def test_all_rows_try_what_is_next_from_the_state_of_a_single_arm():
     assert_same(rows.get_state()[2], env.get_state())
 
 
-def test_rows_that_are_over_are_over_in_their_state():
-    rows = made_rows(perturbations=None, autoreset_mode="Disabled").unwrapped
-    rows.reset(seed=0)
-    for _ in range(6):
-        rows.step(np.full((ROWS, 3), 0.01))
-    over = rows.get_state()
-    rows.reset(seed=1)
-    rows.step(np.zeros((ROWS, 3)))
-    rows.set_state(over)
-    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[0, 1, 2\] are over"):
-        rows.step(np.zeros((ROWS, 3)))
-
-
-def test_latency_that_has_just_begun_belongs_to_the_state():
-    env = made(perturbations=None).unwrapped
-    env.reset(seed=2)
-    lived(env, 2)
-    env.set_world(replace(env.world, latency=2))
-    state = env.get_state()
-    expected = lived(env, 3, seed=1)
-    env.set_state(state)
-    assert_same(lived(env, 3, seed=1), expected)
-
-
 def test_states_of_others_are_refused():
     env, rows = made().unwrapped, made_rows().unwrapped
     env.reset(seed=0)
@@ -223,8 +182,7 @@ def test_states_of_others_are_refused():
         ({"arm": own.ARMS["scara"]}, r"of another arm: its motors are .*; here they are .*waist"),
         ({"camera_mount": "stand"}, "of another arm: its camera mounts are"),
     ):
-        other = make(**arguments).unwrapped
-        other.reset(seed=0)
+        other = begun(make(**arguments).unwrapped)
         with pytest.raises(ValueError, match=message):
             env.set_state(other.get_state())
     with pytest.raises(ValueError, match="there are 2 states; there must be 3, one a row, or one for all"):
@@ -247,33 +205,72 @@ def test_states_of_others_are_refused():
         rows.set_state(state, 7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [SyncVectorEnv, AsyncVectorEnv])
-def test_gymnasiums_vector_environments_of_copies_go_on(kind):
-    env = made(perturbations=None)
-    env.reset(seed=2)
-    lived(env, 2)
-    copies = [functools.partial(pickle.loads, pickle.dumps(env))] * 2
-    envs = kind(copies, context="spawn") if kind is AsyncVectorEnv else kind(copies)
-    try:
-        envs.reset(seed=2)
-        observations, *_, infos = envs.step(np.full((2, 3), 0.1))
-        env.reset(seed=2)
-        observation, *_, info = env.step(np.full(3, 0.1))
-        assert_same(of_row(observations, 0), observation)
-        assert infos["truth"]["error_px"].tolist()[0] == info["truth"]["error_px"]
-        envs.call("set_state", env.unwrapped.get_state())
-        assert_same(envs.call("get_state")[1], env.unwrapped.get_state())
-    finally:
-        envs.close()
-
-
 def test_stable_baselines3s_subprocesses_take_copies():
     env = made(perturbations=None)
     expected = env.reset(seed=2)[0]
-    envs = SubprocVecEnv([functools.partial(pickle.loads, pickle.dumps(env))], start_method="spawn")
+    envs = SubprocVecEnv([partial(pickle.loads, pickle.dumps(env))], start_method="spawn")
     try:
         envs.seed(2)
         assert_same(of_row(envs.reset(), 0), expected)
     finally:
         envs.close()
+
+
+REVERSED = {"do": {"type": "motor_sign", "motor": "shoulder"}}
+OUT_OF_VIEW = {"do": {"type": "camera_aim", "camera": "left", "degrees": 170.0}}
+FAR = (0.9, 0.0)
+
+
+def sign(env):
+    return int(env.unwrapped.world.motor_sign[1])
+
+
+def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
+    schedule = [{"at": {"trial": 1}, **REVERSED}]
+    env = begun(make("Grasp", world="nominal", shape="sphere", perturbations=schedule).unwrapped)
+    before = sign(env)
+    with pytest.raises(ValueError, match=r"0\.9"):
+        env.reset(options={"object": FAR})
+    assert sign(env) == before
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(env.action_space.shape))
+    env.reset()
+    assert sign(env) == -before
+
+
+@pytest.mark.parametrize("rows", [None, 2])
+def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
+    env = begun(kinematic(rows).unwrapped)
+    before = str(env.get_state())
+    for wrong in ({"options": {"objekt": FAR}}, {"options": {"object": "here"}}):
+        with pytest.raises(ValueError, match="obje"):
+            env.reset(seed=1, **wrong)
+        assert str(env.get_state()) == before
+
+
+def test_where_no_world_can_be_drawn_an_arm_stays_in_its_own_and_asks_for_a_reset(monkeypatch):
+    env = begun(kinematic().unwrapped)
+    as_before = kinematic(world=env.world)
+    mounts, wild = env.arms.mounts, WorldDistribution("wild")
+    seed = next(s for s in count(1) if not in_view(wild.sample(s), MOVEMASTER, mounts, whole=True))
+    monkeypatch.setattr(workspace, "ATTEMPTS", 1)
+    with pytest.raises(ValueError, match="never in view"):
+        env.reset(seed=seed)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(3))
+    monkeypatch.undo()
+    assert_same(env.reset(), as_before.reset(seed=seed))
+
+
+def test_a_motion_before_which_an_event_fails_applies_none_and_a_drift_goes_on_from_where_it_was():
+    """A drift's direction is drawn once, by the first of its steps that is applied."""
+    drift = {"drift": {"per": "motion"}, "do": {"type": "camera_roll", "camera": "left"}}
+    schedule = [drift, {"at": {"motion": 1}, **REVERSED}, {"at": {"motion": 1}, **OUT_OF_VIEW}]
+    env = begun(kinematic(world=nominal(), perturbations=schedule).unwrapped)
+    env.step(np.zeros(3))
+    before = env.world
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"camera_aim.*never in view"):
+            env.step(np.zeros(3))
+        assert env.world == before
+    assert env.get_state()["_scheduler"]["_drifts"] == {}

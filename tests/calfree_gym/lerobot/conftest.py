@@ -20,7 +20,6 @@ class Bench:
         self.env = LeRobotReachEnv(robot, ("left", "right"), **settings)
 
     def then(self, moment, happens):
-        """Something happens at the second tick in which the environment does this."""
         self._moment, self._happens = [moment, moment], happens
 
     def _tick(self, observation, action):
@@ -34,3 +33,11 @@ class Bench:
 @pytest.fixture
 def bench(opengl):
     return lambda seed=0, robot=None, **arguments: Bench(robot or FakeSO101(seed), **arguments)
+
+
+@pytest.fixture
+def ready(bench):
+    """One whose first trial has begun."""
+    begun = bench()
+    begun.env.reset()
+    return begun

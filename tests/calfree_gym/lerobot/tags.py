@@ -19,10 +19,6 @@ CAMERAS = ((0.6, 0.19, 0.4), (0.63, -0.16, 0.37))
 """More to the front, and nearer, than for balls, which are seen from all sides."""
 BEYOND = 0.03
 """The cards are so far beyond the fingers, in m: these would cover them."""
-SPREAD = 0.3
-"""As of worlds with balls; tags are not to turn away from the cameras."""
-NEARER = 0.85
-"""Cameras are nearer by this than for balls: tags are 40 mm, and must be 37 px."""
 NARROWEST = 37 * np.cos(np.radians(45))
 """In px: tags that large and tilted that much are asked to be found."""
 

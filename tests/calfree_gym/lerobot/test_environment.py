@@ -1,8 +1,13 @@
-"""The environment over a robot: what it sends, looks at, and refuses before anything moves."""
+"""The environment over a robot: what it sends, looks at, tells and refuses; agents reach, the arm holds."""
 
+import gc
 import json
 import re
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +16,10 @@ import agents
 from calfree_gym.lerobot import LeRobotReachEnv
 from calfree_gym.lerobot.motors import AHEAD, RATE
 from calfree_gym.lerobot.robot import check_limits
-from calfree_gym.vision import Marks, StereoTracker
+from calfree_gym.vision import Marks, StereoTracker, TagTracker
+from tests.calfree_gym.environments import assert_same
 from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
+from tests.calfree_gym.lerobot.matrix import life, summary
 from tests.calfree_gym.lerobot.so101 import MOTORS
 
 WORDS = np.array([0.4, 0.2, -0.3, 0.1, 0.3], np.float32)
@@ -40,7 +47,6 @@ def test_no_goal_is_far_ahead_of_the_arm_even_where_it_does_not_follow(bench):
 
 
 def test_what_is_looked_at_was_exposed_after_the_arm_had_settled(bench):
-    """Against the simulated exposures: the cameras' pipelines are 60 and 120 ms long."""
     bench = bench()
     env, cameras = bench.env, bench.robot.cameras.values()
     env.reset()
@@ -61,9 +67,7 @@ def test_a_run_repeats_bit_by_bit(bench):
         first, _ = env.reset()
         return [first, *(env.step(sign * WORDS)[0] for sign in (1, -1))]
 
-    for one, other in zip(run(), run(), strict=True):
-        for key in one:
-            np.testing.assert_array_equal(one[key], other[key])
+    assert_same(run(), run())
 
 
 def test_images_end_where_the_space_says_and_points_are_in_halves_of_the_longer_side(bench):
@@ -75,31 +79,15 @@ def test_images_end_where_the_space_says_and_points_are_in_halves_of_the_longer_
     np.testing.assert_allclose(servo.new_findings().edges, [[1, 0.75]] * 4)
 
 
-class Percent(FakeSO101):
-    """Whose positions are no degrees."""
-
-    def __init__(self):
-        super().__init__()
-        self.config.use_degrees = False
+def made(**config):
+    robot = FakeSO101()
+    vars(robot.config).update(config)
+    return robot
 
 
 class Wheels(FakeSO101):
     name = "lekiwi"
     action_features = property(lambda self: {"arm_elbow_flex.pos": float, "x.vel": float})
-
-
-class Clipped(FakeSO101):
-    def __init__(self, most):
-        super().__init__()
-        self.config.max_relative_target = most
-
-
-class Wrapping(FakeSO101):
-    """One of whose horns was screwed on so that its encoder wraps near home."""
-
-    def __init__(self):
-        super().__init__()
-        self.world.zeros[2] += 100 - self.bus.ticks()[2]
 
 
 @pytest.mark.parametrize(
@@ -150,27 +138,23 @@ class Absent(FakeSO101):
 
 def test_what_cannot_be_is_refused_before_anything_moves():
     cases = [
-        (
-            FakeSO101(),
-            {"cameras": ("left", "rigth")},
-            "no camera 'rigth' (did you mean right?); it has left, right",
-        ),
-        (FakeSO101(), {"cameras": ("left", "left")}, "each must be named once"),
-        (FakeSO101(), {"cameras": ("left",)}, "it must be the names of two of left, right"),
-        (FakeSO101(), {"motors": ["elbow"]}, "no motor 'elbow' (did you mean elbow_flex?)"),
-        (FakeSO101(), {"motors": []}, "the motors are none"),
-        (FakeSO101(), {"unit": 0}, "unit is 0; it must be a number above 0"),
-        (FakeSO101(), {"speed": "fast"}, "speed is 'fast'"),
-        (FakeSO101(), {"tolerance_px": float("nan")}, "tolerance_px is nan"),
-        (FakeSO101(), {"max_motions": 0}, "max_motions is 0"),
-        (FakeSO101(), {"marks": 3}, "marks is 3; allowed: Marks"),
-        (FakeSO101(), {"home": {"elbow_flex": 0}}, "it must map each of shoulder_pan"),
-        (FakeSO101(), {"home": dict.fromkeys(MOTORS[:5], "up")}, "home holds ['up'"),
-        (FakeSO101(), {"unit": 170}, "smaller unit"),
-        (Percent(), {}, "use_degrees=False; it must be True"),
+        (made(), {"cameras": ("left", "rigth")}, "no camera 'rigth' (did you mean right?); it has left"),
+        (made(), {"cameras": ("left", "left")}, "each must be named once"),
+        (made(), {"cameras": ("left",)}, "it must be the names of two of left, right"),
+        (made(), {"motors": ["elbow"]}, "no motor 'elbow' (did you mean elbow_flex?)"),
+        (made(), {"motors": []}, "the motors are none"),
+        (made(), {"unit": 0}, "unit is 0; it must be a number above 0"),
+        (made(), {"speed": "fast"}, "speed is 'fast'"),
+        (made(), {"tolerance_px": float("nan")}, "tolerance_px is nan"),
+        (made(), {"max_motions": 0}, "max_motions is 0"),
+        (made(), {"marks": 3}, "marks is 3; allowed: Marks"),
+        (made(), {"home": {"elbow_flex": 0}}, "it must map each of shoulder_pan"),
+        (made(), {"home": dict.fromkeys(MOTORS[:5], "up")}, "home holds ['up'"),
+        (made(), {"unit": 170}, "smaller unit"),
+        (made(use_degrees=False), {}, "use_degrees=False; it must be True"),
         (Wheels(), {}, "the robot lekiwi takes actions x.vel; only positions (.pos) are allowed"),
-        (Clipped(10), {}, "max_relative_target=10; it must be None, or 8.0 or more, as a float"),
-        (Clipped(5.0), {}, "max_relative_target=5.0"),
+        (made(max_relative_target=10), {}, "max_relative_target=10; it must be None, or 8.0 or more, as"),
+        (made(max_relative_target=5.0), {}, "max_relative_target=5.0"),
     ]
     for robot, arguments, said in cases:
         stood = robot.plant.targets.copy()
@@ -184,10 +168,10 @@ def test_what_cannot_be_is_refused_before_anything_moves():
 
 
 def test_a_motor_whose_encoder_wraps_is_named_with_the_remedy():
-    robot = Wrapping()
-    with pytest.raises(
-        ValueError, match=r"motor elbow_flex is at 100 ticks at home; .* -412 and 612"
-    ) as raised:
+    robot = made()
+    robot.world.zeros[2] += 100 - robot.bus.ticks()[2]  # a horn that was screwed on so that its encoder wraps
+    message = r"motor elbow_flex is at 100 ticks at home; .* -412 and 612"
+    with pytest.raises(ValueError, match=message) as raised:
         LeRobotReachEnv(robot, ("left", "right"))
     remedy = re.search(r"robot\.bus\.set_half_turn_homings\(\[.*?\]\)", str(raised.value))[0]
     eval(remedy, {"robot": robot})
@@ -201,8 +185,6 @@ def test_marks_are_colours_a_file_or_a_tracker(bench, tmp_path):
 
 
 class Counting:
-    """Learns how many motions it has made."""
-
     num_timesteps = 0
 
     def __init__(self, env):
@@ -262,3 +244,150 @@ def test_a_file_of_knowledge_that_does_not_fit_is_refused(bench, tmp_path):
         env.load(agent, tmp_path / "other")
     with pytest.raises(FileNotFoundError):
         env.load(agent, tmp_path / "missing")
+
+
+def stand(robot, env):
+    """Registers of where motors stand (5,)."""
+    at = robot.bus.sync_read("Present_Position", MOTORS[:5])
+    return (np.array([*at.values()]) - env.home) / env.unit
+
+
+def test_a_sagging_arm_tells_what_it_was_told(ready):
+    env = ready.env
+    told, short, rng = np.zeros(5), [], np.random.default_rng(0)
+    for _ in range(8):
+        words = np.clip(told + rng.uniform(-0.3, 0.3, 5), -0.4, 0.4) - told
+        told = told + words.astype(np.float32)
+        observation, *_ = env.step(words)
+        np.testing.assert_allclose(observation["observation"][4:], told, atol=1e-5)
+        short.append(told - stand(ready.robot, env))
+    assert env.unit * np.abs(short).max() > 0.8, "it does sag"
+
+
+@pytest.mark.parametrize(("word", "stays"), [(0.3, True), (0.07, True), (0.02, False)])
+def test_a_jammed_motor_tells_where_it_stands_and_the_others_what_they_were_told(ready, word, stays):
+    env = ready.env
+    ready.robot.jam("wrist_flex")
+    observation, *_ = env.step(np.array([0, 0, 0, word, 0.02]))
+    registers = observation["observation"][4:]
+    if stays:
+        assert registers[3] == pytest.approx(stand(ready.robot, env)[3], abs=0.01)
+        assert abs(ready.robot.goals_ahead()[3]) < 0.5, "it does not push"
+    else:
+        assert registers[3] == pytest.approx(word)
+    assert registers[4] <= 0.02 + 1e-6
+
+
+def test_an_arm_that_has_met_something_stops_as_a_whole(ready):
+    env = ready.env
+    ready.robot.jam("shoulder_pan")
+    words = np.array([0.5, 0, 0, 0.5, 0.5])
+    observation, *_ = env.step(words)
+    executed = observation["observation"][4:][[0, 3, 4]] / 0.5
+    assert executed[0] < 0.1
+    assert (executed < 0.9).all()
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def over(power):
+    robot = FakeSO101(power=power)
+    return robot, LeRobotReachEnv(robot, ("left", "right"))
+
+
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGKILL", "exit"])
+def test_torque_stays_on_however_the_process_ends(ending, tmp_path):
+    power = tmp_path / "power"
+    command = [sys.executable, "-m", "tests.calfree_gym.lerobot.moving", str(power), ending]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == {"SIGINT": -2, "SIGKILL": -9, "exit": 3}[ending], done.stderr
+    assert float((tmp_path / "power.moving").read_text()) > 0.005, "it was on its way"
+    assert power.read_text() == "on"
+
+
+def test_lerobot_would_have_switched_it_off(tmp_path):
+    power = tmp_path / "power"
+    robot = FakeSO101(power=power)
+    robot.connect(calibrate=False)
+    assert power.read_text() == "on"
+    del robot
+    gc.collect()
+    assert power.read_text() == "off"
+
+
+def test_torque_stays_on_where_an_environment_is_closed_or_forgotten(tmp_path):
+    power = tmp_path / "power"
+    robot, env = over(power)
+    with env:
+        pass
+    assert not robot.is_connected, "it has connected the robot"
+    del env, robot
+    gc.collect()
+    assert power.read_text() == "on"
+
+
+def test_a_robot_that_was_connected_stays_so():
+    robot = FakeSO101()
+    robot.connect(calibrate=False)
+    LeRobotReachEnv(robot, ("left", "right")).close()
+    assert robot.is_connected
+
+
+def test_torque_goes_once_it_is_confirmed_that_the_arm_is_supported(tmp_path):
+    power = tmp_path / "power"
+    robot, env = over(power)
+
+    def nobody(question):
+        raise EOFError
+
+    with pytest.raises(EOFError):
+        env.release(nobody)
+    assert robot.is_connected
+    assert power.read_text() == "on"
+    asked = []
+    env.release(asked.append)
+    assert "Support the arm" in asked[0]
+    assert not robot.is_connected
+    assert power.read_text() == "off"
+
+
+def test_a_robot_whose_torque_nobody_can_keep_is_told():
+    robot = FakeSO101()
+    robot.config = SimpleNamespace(id="other")
+    with pytest.warns(UserWarning, match="its motors may lose their torque"):
+        LeRobotReachEnv(robot, ("left", "right"))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_servo_reaches_in_spite_of_sag_play_ticks_and_webcams(bench, seed):
+    bench = bench(seed=seed)
+    servo = agents.make("unified_servo", bench.env)
+    reaches, mm = [], []
+    for reach in bench.env.reaches(servo, 3):
+        reaches.append(reach)
+        mm.append(bench.robot.distance_mm())
+    assert all(reach.reached for reach in reaches)
+    assert reaches[0].motions <= 16
+    assert max(mm) < 8
+    assert reaches[0].px <= 4 < reaches[0].before.px
+    assert reaches[0].after.visible.all()
+    assert servo.num_timesteps == sum(reach.motions for reach in reaches)
+
+
+def test_a_servo_reaches_by_printed_tags(bench):
+    bench = bench(robot=FakeSO101(0, tags=True), marks=TagTracker())
+    for reach in bench.env.reaches(agents.make("unified_servo", bench.env), 2):
+        assert reach.reached
+        assert bench.robot.distance_mm() < 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", ["unified_servo", "memory"])
+def test_a_life_with_a_knocked_camera_and_a_motor_replaced(agent, opengl):
+    lived = [life(agent, seed) for seed in range(2)]
+    print("\n".join(summary(agent, lived)))
+    motions, mm, reached = np.moveaxis(np.array(lived, float), -1, 0)
+    assert reached.mean() >= 0.95
+    assert np.median(mm) < 5
+    assert np.median(motions[:, [10, 15]]) <= 20

@@ -22,52 +22,40 @@ def there_and_back(env, motions, words=WORDS):
         env.step(words * (-1) ** motion)
 
 
-def lost(robot):
-    robot.cameras["left"].losing = 4
+def left(robot):
+    return robot.cameras["left"]
 
 
-def unplugged(robot):
-    robot.cameras["right"].unplugged = True
+def setting(part, **values):
+    """A fault, by attributes of a part of the robot."""
+    return lambda robot: vars(part(robot)).update(values)
 
 
-def frozen(robot):
-    robot.cameras["left"].frozen = True
+def raising(error):
+    def fault(robot):
+        raise error
 
-
-def copies(robot):
-    robot.cameras["left"].frozen = robot.cameras["left"].copies = True
-
-
-def no_packet(robot):
-    robot.bus.error = NO_PACKET
-
-
-def overload(robot):
-    robot.bus.error = OVERLOAD
-
-
-def interrupted(robot):
-    raise KeyboardInterrupt("Ctrl-C")
-
-
-def broken(robot):
-    raise ZeroDivisionError("in a function of the user's")
-
-
-def hidden(robot):
-    robot.hidden.add("object")
-
-
-def dark(robot):
-    robot.hidden |= {"gripper_1", "gripper_2", "object"}
-
-
-def swapped(robot):
-    robot.swapped = True
+    return fault
 
 
 def jammed(robot):
     robot.jam("elbow_flex")
+
+
+lost, frozen, copies = (
+    setting(left, losing=4),
+    setting(left, frozen=True),
+    setting(left, frozen=True, copies=True),
+)
+unplugged = setting(lambda robot: robot.cameras["right"], unplugged=True)
+no_packet, overload = (setting(lambda robot: robot.bus, error=error) for error in (NO_PACKET, OVERLOAD))
+hidden, dark, swapped = (
+    lambda robot: robot.hidden.add("object"),
+    lambda robot: robot.hidden.update({"gripper_1", "gripper_2", "object"}),
+    setting(lambda robot: robot, swapped=True),
+)
+interrupted = raising(KeyboardInterrupt("Ctrl-C"))
+broken = raising(ZeroDivisionError("in a function of the user's"))
 
 
 def mend(robot):
@@ -77,11 +65,11 @@ def mend(robot):
     robot.free("elbow_flex")
     for camera in robot.cameras.values():
         camera.unplugged = camera.frozen = camera.copies = False
+    robot.sleep(0.5)
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_dropped_frames_are_ignored(bench, moment):
-    """What is seen then is what is seen where none was dropped."""
     seen, happened = [], []
     for fault in (happened.append, lost):
         each = bench()
@@ -108,34 +96,31 @@ def test_dropped_frames_are_ignored(bench, moment):
         (broken, ZeroDivisionError, "in a function of the user's"),
     ],
 )
-def test_the_arm_holds_at_once(bench, fault, error, said, moment):
-    bench = bench()
-    robot, env = bench.robot, bench.env
-    env.reset()
+def test_the_arm_holds_at_once(ready, fault, error, said, moment):
+    robot, env = ready.robot, ready.env
     when = []
 
     def happens():
-        when.append((robot.clock(), len(bench.actions)))
+        when.append((robot.clock(), len(ready.actions)))
         fault(robot)
 
-    bench.then(moment, happens)
+    ready.then(moment, happens)
     with pytest.raises(error, match=re.escape(said)) as raised:
         there_and_back(env, 2 if fault is copies else 1)
     ((began, ticks),) = when
     assert robot.clock() - began < 2 * FROZEN_S + 1
     if fault not in (frozen, copies):
-        assert len(bench.actions) <= ticks + 1, "nothing more is sent"
+        assert len(ready.actions) <= ticks + 1, "nothing more is sent"
     assert "The arm holds" in "".join([str(raised.value), *getattr(raised.value, "__notes__", [])])
-    stood, sent = robot.plant.angles.copy(), len(bench.actions)
+    stood, sent = robot.plant.angles.copy(), len(ready.actions)
     robot.sleep(2.0)
     assert np.degrees(np.abs(robot.plant.angles - stood)).max() < AHEAD
     assert np.abs(robot.goals_ahead()).max() < AHEAD
     assert robot.plant.powered
     with pytest.raises(gym.error.ResetNeeded, match="an error since"):
         env.step(WORDS)
-    assert len(bench.actions) == sent
+    assert len(ready.actions) == sent
     mend(robot)
-    robot.sleep(0.5)
     observation, _ = env.reset()
     assert not observation["observation"][4:].any()
     env.step(WORDS)
@@ -151,11 +136,9 @@ def test_the_arm_holds_at_once(bench, fault, error, said, moment):
         (jammed, "motor elbow_flex stays back"),
     ],
 )
-def test_what_an_agent_may_put_right_is_tolerated_for_three_motions(bench, fault, said, moment):
-    bench = bench()
-    env = bench.env
-    env.reset()
-    bench.then(moment, lambda: fault(bench.robot))
+def test_what_an_agent_may_put_right_is_tolerated_for_three_motions(ready, fault, said, moment):
+    env = ready.env
+    ready.then(moment, lambda: fault(ready.robot))
     env.step(WORDS)
     for _ in range(3):
         env.step(np.zeros(5))
@@ -165,28 +148,23 @@ def test_what_an_agent_may_put_right_is_tolerated_for_three_motions(bench, fault
     assert env.motions >= motions + 2
     pictures = [cv2.imread(str(file)) for file in raised.value.pictures]
     assert [picture.shape for picture in pictures] == [(480, 640, 3)] * 2
-    mend(bench.robot)
-    bench.robot.sleep(0.5)
+    mend(ready.robot)
     env.reset()
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_what_is_over_after_two_motions_is_no_error(bench, moment):
-    bench = bench()
-    env = bench.env
-    env.reset()
+def test_what_is_over_after_two_motions_is_no_error(ready, moment):
+    env = ready.env
     for fault in (hidden, swapped):
-        bench.then(moment, lambda fault=fault: fault(bench.robot))
+        ready.then(moment, lambda fault=fault: fault(ready.robot))
         env.step(WORDS)
         env.step(-WORDS)
-        mend(bench.robot)
-        bench.robot.sleep(0.5)
+        mend(ready.robot)
         observation, *_ = env.step(np.zeros(5))
         assert observation["observation"][:4].all()
 
 
 def test_pictures_of_the_other_camera_show_nothing(bench):
-    """Now and then one comes under a wrong name; where a point is seen, it is where it was."""
     bench = bench()
     env = bench.env
     first, _ = env.reset()
@@ -201,15 +179,13 @@ def test_pictures_of_the_other_camera_show_nothing(bench):
     assert 256 * np.abs(points - at).max() < 3
 
 
-def test_a_mark_that_is_not_seen_from_home_is_told_before_anything_moves(bench):
-    bench = bench()
-    bench.env.reset()
-    bench.actions.clear()
-    hidden(bench.robot)
+def test_a_mark_that_is_not_seen_from_home_is_told_before_anything_moves(ready):
+    ready.actions.clear()
+    hidden(ready.robot)
     said = "object in camera left is not seen; the object in camera right is not seen"
     with pytest.warns(UserWarning, match=f"{said}: place"), pytest.raises(ArmError, match=said):
-        bench.env.reset()
-    assert len({tuple(action.values()) for action in bench.actions}) == 1
+        ready.env.reset()
+    assert len({tuple(action.values()) for action in ready.actions}) == 1
 
 
 def test_an_object_that_is_not_seen_is_placed_anew(bench):
@@ -223,10 +199,8 @@ def test_an_object_that_is_not_seen_is_placed_anew(bench):
     assert observation["observation"][:4].all()
 
 
-def test_a_motor_that_does_not_go_home_is_told(bench):
-    bench = bench()
-    bench.env.reset()
-    bench.env.step(WORDS)
-    jammed(bench.robot)
+def test_a_motor_that_does_not_go_home_is_told(ready):
+    ready.env.step(WORDS)
+    jammed(ready.robot)
     with pytest.raises(ArmError, match="on the way home motor elbow_flex stays back"):
-        bench.env.reset()
+        ready.env.reset()

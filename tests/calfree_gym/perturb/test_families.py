@@ -3,6 +3,7 @@
 Frames need `MUJOCO_GL=egl`, or a screen. `pytest -s` prints by how much they differ.
 """
 
+import importlib
 import importlib.util
 import pickle
 
@@ -19,94 +20,79 @@ pytestmark = pytest.mark.slow
 KNOCK, BACK, STEPS = 1, 2, 3
 
 
-def fetch():
-    import gymnasium_robotics
+SMALL = {"render_mode": "rgb_array", "width": 64, "height": 64}
 
-    gym.register_envs(gymnasium_robotics)
-    env = gym.make("FetchReach-v4", render_mode="rgb_array", width=64, height=64)
+
+def registered(module):
+    """The package, whose environments Gymnasium then knows."""
+    package = importlib.import_module(module)
+    gym.register_envs(package)
+    return package
+
+
+def fetch():
+    registered("gymnasium_robotics")
+    env = gym.make("FetchReach-v4", **SMALL)
     env.unwrapped.mujoco_renderer.camera_id = 3
     return env
 
 
 def adroit():
-    import gymnasium_robotics
-
-    gym.register_envs(gymnasium_robotics)
-    return gym.make("AdroitHandDoor-v1", render_mode="rgb_array", width=64, height=64)
+    registered("gymnasium_robotics")
+    return gym.make("AdroitHandDoor-v1", **SMALL)
 
 
 def metaworld():
-    import metaworld
-
-    assert metaworld
-    return gym.make(
-        "Meta-World/MT1", env_name="reach-v3", seed=0, render_mode="rgb_array", camera_name="corner"
-    )
+    registered("metaworld")
+    arguments = {"env_name": "reach-v3", "seed": 0, "render_mode": "rgb_array", "camera_name": "corner"}
+    return gym.make("Meta-World/MT1", **arguments)
 
 
 def dm_control():
-    import shimmy
-
-    gym.register_envs(shimmy)
+    registered("shimmy")
     return gym.make("dm_control/cartpole-swingup-v0", render_mode="rgb_array", render_kwargs={"camera_id": 0})
 
 
 def aloha():
-    import gym_aloha
-
-    assert gym_aloha
+    registered("gym_aloha")
     size = {f"{what}_{side}": 64 for what in ("observation", "visualization") for side in ("width", "height")}
     return gym.make("gym_aloha/AlohaTransferCube-v0", obs_type="pixels_agent_pos", **size)
 
 
 def so101():
-    from lerobot_env_so101 import ENV_ID, GymRenderingSpec
-
-    return gym.make(ENV_ID, render_spec=GymRenderingSpec(camera_id="front"))
+    package = registered("lerobot_env_so101")
+    return gym.make(package.ENV_ID, render_spec=package.GymRenderingSpec(camera_id="front"))
 
 
 def pusht():
-    import gym_pusht
-
-    assert gym_pusht
+    registered("gym_pusht")
     return gym.make("gym_pusht/PushT-v0", obs_type="pixels_agent_pos", render_mode="rgb_array")
 
 
 def panda():
-    import panda_gym
-
-    assert panda_gym
+    registered("panda_gym")
     return gym.make("PandaReach-v3", render_mode="rgb_array", render_width=64, render_height=64)
 
 
 def pusher():
-    return gym.make("Pusher-v5", render_mode="rgb_array", width=64, height=64)
+    return gym.make("Pusher-v5", **SMALL)
 
 
 def half_cheetah():
-    return gym.make("HalfCheetah-v5", render_mode="rgb_array", camera_name="track", width=64, height=64)
+    return gym.make("HalfCheetah-v5", camera_name="track", **SMALL)
 
 
-MADE = {
-    pusher: "imageio",
-    half_cheetah: "imageio",
-    fetch: "gymnasium_robotics",
-    adroit: "gymnasium_robotics",
-    metaworld: "metaworld",
-    dm_control: "shimmy",
-    aloha: "gym_aloha",
-    so101: "lerobot_env_so101",
-    pusht: "gym_pusht",
-    panda: "panda_gym",
-}
+NEEDS = {pusher: "imageio", half_cheetah: "imageio", fetch: "gymnasium_robotics"}
+NEEDS |= {adroit: "gymnasium_robotics", metaworld: "metaworld", dm_control: "shimmy", aloha: "gym_aloha"}
+NEEDS |= {so101: "lerobot_env_so101", pusht: "gym_pusht", panda: "panda_gym"}
 """Families, and the package that each needs."""
 
 
-@pytest.fixture(params=MADE, ids=lambda make: make.__name__)
+@pytest.fixture(params=NEEDS, ids=lambda make: make.__name__)
 def make(request):
     make = request.param
-    if importlib.util.find_spec(MADE[make]) is None:
-        pytest.skip(f"{MADE[make]} is not installed")
+    if importlib.util.find_spec(NEEDS[make]) is None:
+        pytest.skip(f"{NEEDS[make]} is not installed")
     try:
         env = make()
         env.reset(seed=0)
@@ -122,7 +108,6 @@ def knock(do):
 
 
 def life(env, renders=True):
-    """Observations and frames of an episode."""
     observations = [env.reset(seed=3)[0]]
     frames = [env.render() if renders else None]
     box = env.action_space
@@ -134,14 +119,12 @@ def life(env, renders=True):
 
 
 def numbers(observation):
-    """Leaves of an observation that are no images."""
     if isinstance(observation, dict):
         return [leaf for key in sorted(observation) for leaf in numbers(observation[key])]
     return [np.asarray(observation)] if np.ndim(observation) < 3 else []
 
 
 def anew(make, env):
-    """The same environment once more; two do not begin again as they were made."""
     return make() if make in (metaworld, pusht) else env
 
 
@@ -190,14 +173,3 @@ def test_what_acts_on_physics_and_observations_acts_and_is_the_same_each_time(ma
             drawn.append(pickle.dumps(found))
     assert drawn[0] == drawn[1]
     env.close()
-
-
-def test_films_show_the_knock(tmp_path):
-    pytest.importorskip("moviepy")
-    env = Perturb(half_cheetah(), knock({"type": "exposure", "factor": 0.2}), seed=0)
-    film = gym.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda episode: True)
-    life(film, False)
-    bright = [frame.mean() for frame in film.recorded_frames]
-    assert bright[KNOCK + 1] < 0.5 * bright[KNOCK]
-    film.close()
-    assert list(tmp_path.glob("*.mp4"))

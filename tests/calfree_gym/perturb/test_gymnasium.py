@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import ENV_IDS, Perturb
+from tests.calfree_gym.environments import assert_same, begun
 from tests.calfree_gym.perturb.workbench import arrays
 
 pytest.importorskip("imageio", reason="Gymnasium's MuJoCo environments need imageio")
@@ -20,38 +21,12 @@ SCHEDULE = [
 ]
 
 
-def knocked(env):
-    return Perturb(env, SCHEDULE)
-
-
 def life(envs, steps=10):
     actions = np.random.default_rng(0).uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)
     found = [envs.reset(seed=3)]
     found += [envs.step(action) for action in actions]
     envs.close()
     return found
-
-
-def test_rows_of_a_vector_draw_each_their_own_and_are_the_same_alone():
-    rows = life(gym.make_vec("Reacher-v5", num_envs=2, vectorization_mode="sync", wrappers=[knocked]))
-    assert [step[-1]["perturbed"].tolist() for step in rows[:8]] == [[n, n] for n in (0, 0, 0, 1, 1, 1, 0, 2)]
-    alone = Perturb(gym.make("Reacher-v5"), SCHEDULE)
-    alone.reset(seed=4)
-    actions = np.random.default_rng(0).uniform(-1, 1, (10, 2, 2)).astype(np.float32)
-    for row, action in zip(rows[1:], actions[:, 1], strict=True):
-        np.testing.assert_array_equal(row[0][1], alone.step(action)[0])
-
-
-@pytest.mark.slow
-def test_rows_in_processes_of_their_own_are_the_same_to_the_bit():
-    made = [
-        gym.make_vec("Reacher-v5", 2, mode, vector_kwargs=kwargs, wrappers=[knocked])
-        for mode, kwargs in (("sync", None), ("async", {"context": "spawn"}))
-    ]
-    one, other = map(life, made)
-    for first, second in zip(one, other, strict=True):
-        np.testing.assert_array_equal(first[0], second[0])
-        np.testing.assert_array_equal(first[-1]["perturbed"], second[-1]["perturbed"])
 
 
 def test_it_can_be_made_again_from_its_spec():
@@ -61,25 +36,18 @@ def test_it_can_be_made_again_from_its_spec():
     again = gym.make(spec)
     while not isinstance(again, Perturb):
         again = again.env
-    for one, other in zip(life(env), life(again), strict=True):
-        np.testing.assert_array_equal(one[0], other[0])
+    assert_same(life(again), life(env))
 
 
 def test_where_an_environment_is_pickled_as_made_anew_schedule_counts_and_world_go_on():
-    env = Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1)
-    env.reset(seed=0)
+    env = begun(Perturb(gym.make("Reacher-v5"), SCHEDULE, seed=1))
     for _ in range(4):
         env.step(env.action_space.sample())
     again = pickle.loads(pickle.dumps(env))
     assert again.world == env.world
-    for name in ("light_dir", "light_pos", "light_diffuse", "qpos0"):
-        np.testing.assert_array_equal(arrays(again.unwrapped.model)[name], arrays(env.unwrapped.model)[name])
-    for each in (env, again):
-        each.reset(seed=0)
-    for _ in range(3):
-        one, other = (each.step(np.zeros(2, np.float32)) for each in (env, again))
-        np.testing.assert_array_equal(one[0], other[0])
-        assert env.applied == again.applied
+    assert_same(arrays(again.unwrapped.model), arrays(env.unwrapped.model))
+    assert_same(life(again), life(env))
+    assert env.applied == again.applied
 
 
 def test_environments_of_our_own_say_which_mujoco_they_need():

@@ -1,15 +1,18 @@
-"""The same episodes under each schedule, whoever acts in them; and how they are shown."""
+"""The same episodes under each schedule, and McNemar's test and Tango's interval against others."""
 
+import re
 import sys
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3 import A2C
+from scipy.optimize import brentq, minimize_scalar
+from scipy.stats import binomtest
 
 import agents
 from calfree_gym import StereoPoints, paired
 from calfree_gym.perturb import Paired, Words
+from calfree_gym.perturb.paired_shares import mcnemar_p, score_interval
 from tests.calfree_gym.perturb.table_top import TableTop
 
 NONE = []
@@ -18,7 +21,6 @@ KNOCKED = [{"at": {"step": 1}, "do": {"type": "camera_aim", "camera": "top", "de
 
 
 def towards(observation):
-    """Knows where hand and thing are, and how actions move the hand."""
     return np.clip((observation[3:] - observation[:3]) / 0.02, -1, 1)
 
 
@@ -71,25 +73,6 @@ def test_a_function_with_reset_is_told_where_episodes_begin():
     assert policy.begun == 6
 
 
-def test_an_agent_of_ours_acts_as_it_is_and_a_knock_in_mid_episode_does_not_stop_it():
-    def success(env, info):
-        hand, thing = env.unwrapped.data.mocap_pos
-        return np.linalg.norm(hand - thing) < 0.02
-
-    servo = agents.make("unified_servo", points_of(TableTop()))
-    table = paired(
-        lambda: TableTop(steps=400),
-        servo,
-        {"none": NONE, "knocked": KNOCKED},
-        episodes=5,
-        success=success,
-        wrap=points_of,
-        images={"top": None},
-        per="episode",
-    )
-    assert [row.success for row in table.rows] == [1.0, 1.0]
-
-
 def test_a_learner_lives_one_life_in_each_schedule():
     made = []
 
@@ -113,21 +96,9 @@ def test_a_learner_lives_one_life_in_each_schedule():
     assert none[0] > none[-1], "it learns from episode to episode"
 
 
-def test_a_model_of_stable_baselines3_may_be_the_learner():
-    def make(env):
-        return A2C("MlpPolicy", env, n_steps=4, device="cpu")
-
-    table = paired(lambda: TableTop(steps=5), make, {"none": NONE, "again": NONE}, episodes=3, learns=True)
-    assert [len(outcomes) for outcomes in table.outcomes.values()] == [3, 3]
-
-
 def test_it_is_printed_as_a_table_and_drawn():
     table = Paired({"none": (True,) * 9 + (False,), "10°": (True,) * 2 + (False,) * 7 + (True,)})
-    assert str(table).splitlines() == [
-        "schedule  success  won / lost  p     difference (95 %)",
-        "none      90%",
-        "10°       30%      1 / 7       0.07  -60% (-89% to +0%)",
-    ]
+    assert re.search(r"none +90%\n.*10° +30% +1 / 7 +0.07 +-60% .-89% to .0%", str(table))
     (axes,) = table.figure().axes
     assert [bar.get_width() for bar in axes.patches] == [90, 30]
 
@@ -139,8 +110,6 @@ def test_a_figure_without_matplotlib_says_what_to_install(monkeypatch):
 
 
 class Silent(gym.ObservationWrapper):
-    """Tells no success."""
-
     def observation(self, observation):
         return observation
 
@@ -163,3 +132,56 @@ def test_what_cannot_be_compared_is_told(arguments, said):
     given = {"make_env": TableTop, "policy": towards, "schedules": {"none": NONE}, "episodes": 1}
     with pytest.raises(ValueError, match=said):
         paired(**(given | arguments))
+
+
+def test_p_is_that_of_the_binomial_test():
+    for won in range(12):
+        for lost in range(40):
+            if won + lost:
+                assert mcnemar_p(won, lost) == pytest.approx(binomtest(won, won + lost).pvalue, rel=1e-9)
+    assert mcnemar_p(0, 0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("won", "lost", "pairs", "low", "high"),
+    [
+        (1, 7, 21, -0.517, -0.026),  # Bentur et al. 2009
+        (6, 16, 161, -0.1240, -0.0054),  # Cavo et al. 2012
+    ],
+)
+def test_intervals_that_were_published(won, lost, pairs, low, high):
+    """In Fagerland, Lydersen and Laake, Statistical Analysis of Contingency Tables (2017), chapter 8."""
+    digits = 3 if pairs == 21 else 4
+    found = score_interval(won, lost, pairs, correction=0)
+    np.testing.assert_allclose(found, (low, high), atol=0.51 * 10**-digits)
+
+
+@pytest.mark.parametrize(
+    "counts", [(0, 1, 44), (12, 2, 50), (0, 9, 30), (3, 3, 30), (25, 4, 30), (0, 96, 100)]
+)
+def test_bounds_are_where_the_score_of_the_most_likely_shares_is_z(counts):
+    won, lost, pairs = counts
+
+    def score(difference):
+        def unlikely(losing):
+            shares = np.array([losing + difference, losing, 1 - 2 * losing - difference])
+            return -np.array([won, lost, pairs - won - lost]) @ np.log(np.maximum(shares, 1e-300))
+
+        least, most = max(0, -difference), (1 - difference) / 2
+        losing = minimize_scalar(unlikely, bounds=(least, most), options={"xatol": 1e-12}).x
+        variance = pairs * (2 * losing + difference - difference**2)
+        return (won - lost - pairs * difference) / np.sqrt(variance)
+
+    middle, z = (won - lost) / pairs, 1.959963984540054
+    low, high = score_interval(*counts, correction=0)
+    if middle > -1:
+        assert brentq(lambda d: score(d) - z, -1 + 1e-9, middle - 1e-9) == pytest.approx(float(low), abs=1e-5)
+    if middle < 1:
+        assert brentq(lambda d: score(d) + z, middle + 1e-9, 1 - 1e-9) == pytest.approx(float(high), abs=1e-5)
+
+
+def test_edges():
+    low, high = score_interval([0, 30, 0], [0, 0, 30], 30, correction=0)
+    z2 = 1.959963984540054**2
+    np.testing.assert_allclose(high, [z2 / (30 + z2), 1, -low[1]])
+    np.testing.assert_allclose(low, [-high[0], 30 / (30 + z2) * 2 - 1, -1], atol=1e-9)

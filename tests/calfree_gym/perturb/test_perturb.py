@@ -1,16 +1,20 @@
-"""Perturb: what acts, where and how long, in an environment of somebody else's."""
+"""Perturb in somebody else's environment: what acts, where and how long, and what it refuses."""
 
 import pickle
 
+import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from calfree_gym import Perturb
-from calfree_gym.perturb import Adapter
+from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.perturb.images import faulty
+from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.perturb.scope import ALLOWED
 from calfree_gym.perturbations import TYPES
+from calfree_gym.vision.cameras import image_points
+from tests.calfree_gym.environments import assert_same, begun
 from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
 
 KNOCK, BACK = 3, 6
@@ -55,27 +59,19 @@ def test_images_differ_exactly_while_the_knock_lasts_and_nothing_else_does(bare,
     before = arrays(env.unwrapped.model)
     found = steps(env)
     for name in seen:
-        differ = [
-            (one["pixels"][name] != other["pixels"][name]).any()
-            for one, other in zip(bare, found, strict=True)
-        ]
+        both = zip(bare, found, strict=True)
+        differ = [(one["pixels"][name] != other["pixels"][name]).any() for one, other in both]
         touched = camera in (None, name)
         assert differ == [touched and KNOCK < i <= BACK for i in range(len(found))], name
-    for one, other in zip(bare, found, strict=True):
-        np.testing.assert_array_equal(one["state"], other["state"])
-    for name, array in arrays(env.unwrapped.model).items():
-        np.testing.assert_array_equal(array, before[name], err_msg=name)
+    assert_same([each["state"] for each in found], [each["state"] for each in bare])
+    assert_same(arrays(env.unwrapped.model), before)
 
 
 def test_a_camera_that_looks_at_a_body_may_be_turned_before_the_first_reset():
-    schedule = [
-        {"at": {"episode": 0}, "do": {"type": "light"}},
-        {"at": {"episode": 0}, "do": {"type": "camera_roll", "camera": "looker", "degrees": 20}},
-    ]
-    env, bare = Perturb(Workbench(), schedule, seed=0, images=POINTS), Workbench()
-    for each in (env, bare):
-        each.reset()
-    axes, rolled = (each.unwrapped.data.camera("looker").xmat.reshape(3, 3) for each in (bare, env))
+    do = {"type": "camera_roll", "camera": "looker", "degrees": 20}
+    env = begun(Perturb(Workbench(), [{"at": {"episode": 0}, "do": do}], seed=0, images=POINTS), None)
+    bare = begun(Workbench(), None)
+    rolled, axes = (each.unwrapped.data.camera("looker").xmat.reshape(3, 3) for each in (env, bare))
     np.testing.assert_allclose(rolled[:, 2], axes[:, 2], atol=0.5)
     assert np.degrees(np.arccos((axes.T @ rolled)[1, 1])) == pytest.approx(20, abs=5)
 
@@ -127,10 +123,8 @@ def test_a_joint_zero_moves_the_arm_and_not_what_its_encoder_tells(joint, degree
 
 
 def sent(schedule, actions, **arguments):
-    """The actions that arrive, and those that came back after."""
     env = Workbench()
-    perturbed = Perturb(env, schedule, seed=0, **arguments)
-    perturbed.reset()
+    perturbed = begun(Perturb(env, schedule, seed=0, **arguments), None)
     found = []
     for action in actions:
         perturbed.step(np.asarray(action, np.float32))
@@ -167,43 +161,33 @@ def test_observations_come_late_or_not_at_all():
     plain = steps(Workbench(["front"]), 6)
     schedule = [{"at": {"step": 2}, "do": {"type": "latency", "motions": 2}}]
     late = steps(Perturb(Workbench(["front"]), schedule, seed=0), 6)
-    for seen, there in zip(late, [plain[i] for i in (0, 1, 2, 1, 2, 3, 4)], strict=True):
-        np.testing.assert_array_equal(seen["state"], there["state"])
-        np.testing.assert_array_equal(seen["pixels"]["front"], there["pixels"]["front"])
+    assert_same(late, [plain[i] for i in (0, 1, 2, 1, 2, 3, 4)])
     schedule = [{"at": {"episode": 0}, "do": {"type": "point_dropout", "share": 1.0}}]
     lost = steps(Perturb(Workbench(["front"]), schedule, seed=0, late=["pixels"]), 6)
-    for seen, there in zip(lost, plain, strict=True):
-        np.testing.assert_array_equal(seen["state"], there["state"])
-        np.testing.assert_array_equal(seen["pixels"]["front"], plain[0]["pixels"]["front"])
+    assert_same(lost, [each | {"pixels": plain[0]["pixels"]} for each in plain])
 
 
 @pytest.mark.parametrize("kind", sorted(TYPES))
 def test_every_kind_acts_or_is_refused_before_the_first_step(bare, kind):
     if kind not in ALLOWED:
-        with pytest.raises(
-            ValueError, match=f"schedule.0: {kind} needs a robot of calfree's own; .*camera_aim"
-        ):
+        message = f"schedule.0: {kind} needs a robot of calfree's own; .*camera_aim"
+        with pytest.raises(ValueError, match=message):
             Perturb(Workbench(), knock(kind))
         return
     found = steps(Perturb(Workbench(["front"]), knock(kind), seed=3))
-    differ = [
-        (one["state"] != other["state"]).any() or (one["pixels"]["front"] != other["pixels"]["front"]).any()
-        for one, other in zip(bare, found, strict=True)
-    ]
-    assert any(differ)
-    assert not any(differ[: KNOCK + 1])
+    without = [{"pixels": {"front": each["pixels"]["front"]}, "state": each["state"]} for each in bare]
+    assert_same(found[: KNOCK + 1], without[: KNOCK + 1])
+    assert pickle.dumps(found) != pickle.dumps(without)
 
 
 def log(env, episodes=4, seeds=None):
     found = []
     for episode in range(episodes):
-        _, info = env.reset(seed=None if seeds is None else seeds[episode])
-        found.append([each.to_dict() for each in env.applied])
-        assert info["perturbed"] == len(env.applied)
-        for _ in range(3):
-            *_, info = env.step(HOME.astype(np.float32))
+        looks = [env.reset(seed=seeds[episode] if seeds else None)]
+        for step in range(4):
+            looks.append(looks[0] if step == 0 else env.step(HOME.astype(np.float32)))
             found.append([each.to_dict() for each in env.applied])
-            assert info["perturbed"] == len(env.applied)
+            assert looks[-1][-1]["perturbed"] == len(env.applied)
     return found
 
 
@@ -245,8 +229,7 @@ def test_unperturbed_is_as_built_to_the_bit_and_no_undo_comes_back():
     log(env)
     assert any((array != before[name]).any() for name, array in arrays(env.unwrapped.model).items())
     env.unperturbed()
-    for name, array in arrays(env.unwrapped.model).items():
-        np.testing.assert_array_equal(array, before[name], err_msg=name)
+    assert_same(arrays(env.unwrapped.model), before)
     env = Perturb(Workbench(), knock("camera_roll"), seed=0, images=POINTS)
     steps(env, KNOCK + 1)
     env.unperturbed()
@@ -259,8 +242,8 @@ def test_a_model_that_is_built_anew_is_found_again():
     schedule = [{"at": {"episode": 0}, "do": {"type": "camera_aim", "camera": "front", "degrees": 10}}]
     plain, other = (Perturb(Workbench(["front"], rebuilds), schedule, seed=0) for rebuilds in (False, True))
     for _ in range(2):
-        for one, two in list(zip(steps(plain, 3), steps(other, 3), strict=True))[1:]:
-            np.testing.assert_array_equal(one["pixels"]["front"], two["pixels"]["front"])
+        one, two = ([each["pixels"] for each in steps(env, 3)[1:]] for env in (plain, other))
+        assert_same(one, two)
     other.unperturbed()
     np.testing.assert_array_equal(other.unwrapped.model.cam_quat, Workbench().model.cam_quat)
 
@@ -270,29 +253,151 @@ def test_it_goes_on_after_a_pickle_and_as_a_copy_in_mid_episode():
     steps(env, KNOCK + 1)
     again = pickle.loads(pickle.dumps(env))
     for _ in range(BACK):
-        one, two = (each.step(HOME.astype(np.float32)) for each in (env, again))
-        assert pickle.dumps(one) == pickle.dumps(two)
-        np.testing.assert_array_equal(again.unwrapped.model.cam_quat, env.unwrapped.model.cam_quat)
+        assert_same(*(each.step(HOME.astype(np.float32)) for each in (env, again)))
+        assert_same(again.unwrapped.model.cam_quat, env.unwrapped.model.cam_quat)
     assert (again.unwrapped.model.cam_mode == Workbench().model.cam_mode).all()
 
 
-def test_gymnasiums_checks():
-    schedule = [{"drift": {"per": "step"}, "do": {"type": "camera_aim", "degrees": 1, "direction": 0}}]
-    check_env(Perturb(Workbench(["wrist"]), schedule, per="episode"), skip_render_check=True)
+class Canvas(gym.Env):
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012
+
+    def __init__(self, action_space=None, image=None):
+        self.render_mode = "rgb_array"
+        self.action_space = action_space or gym.spaces.Box(0.0, 512.0, (2,), np.float32)
+        self.observation_space = image or gym.spaces.Box(0, 255, (24, 32, 3), np.uint8)
+
+    def render(self):
+        return np.full((24, 32, 3), 100, np.uint8)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.full(self.observation_space.shape, 100, self.observation_space.dtype), {}
+
+    def step(self, action):
+        self.got = action
+        return self.reset()[0], 0.0, False, False, {}
 
 
-class RendersFront(Adapter):
-    def camera(self, env):
-        return "front"
+def do(kind, **settings):
+    return [{"at": {"step": 1}, "do": {"type": kind, **settings}}]
 
 
-def test_frames_are_at_fault_too():
-    schedule = knock("exposure", camera="front")
-    env = Perturb(Workbench(render_mode="rgb_array"), schedule, seed=0, adapter=RendersFront())
-    env.reset()
-    frames = []
-    for _ in range(BACK + 1):
-        env.step(HOME.astype(np.float32))
-        frames.append(env.render().mean())
-    assert frames[KNOCK] == pytest.approx(0.7 * frames[KNOCK - 1], abs=1)
-    assert frames[BACK] == pytest.approx(frames[KNOCK - 1], abs=1)
+FRONT = r"names the camera 'frnt' \(did you mean front\?\), which there is not; .*: front, looker, wrist"
+COLOURS = r"acts on images \(h, w, 3\) or \(3, h, w\) of uint8"
+AIM, BLURRED = do("camera_aim"), do("blur")
+
+
+@pytest.mark.parametrize(
+    ("schedule", "arguments", "message"),
+    [
+        (do("camera_aim", camera="frnt"), {}, FRONT),
+        (do("camera_aim", camera="wrist"), {}, r"no image shows .* 'wrist'; give images=.'wrist': KEYS."),
+        (do("camera_aim", camera="render"), {"images": {"render": ()}}, "'render' is the viewer's .*front"),
+        (AIM, {"images": {}}, "no image shows a camera; give images="),
+        (BLURRED, {"images": {"wrist": None}}, "acts on images as they are delivered, and none of 'wrist'"),
+        (BLURRED, {"images": {"wrist": "state"}}, COLOURS),
+        (BLURRED, {"images": {"wrst": "state"}}, r"images names .* 'wrst' \(did you mean wrist\?\)"),
+        (BLURRED, {"images": {"wrist": ("pixels", "top")}}, "'pixels/top', but observations have: pixels/fr"),
+        (do("latency"), {"late": ["stat"]}, "late names 'stat', but observations have: pixels/front, state"),
+        (do("motor_sign", motor="elbow"), {}, "motor is 'elbow'; allowed: shoulder, reach"),
+        (do("joint_zero", joint="elbow"), {}, "joint is 'elbow'; allowed: shoulder, reach"),
+        (do("link_length"), {}, r"schedule\.0: link_length needs a robot of calfree's own"),
+        (do("camera_am"), {}, r"schedule\.0\.do\.type is 'camera_am' \(did you mean camera_aim"),
+        ([], {"per": "live"}, r"per is 'live' \(did you mean life\?\)"),
+        ([], {"seed": -1}, "seed is -1; it must be a whole number from 0"),
+    ],
+)
+def test_what_cannot_be_is_refused(schedule, arguments, message):
+    env = Workbench(["front"])
+    before = arrays(env.model)
+    with pytest.raises(ValueError, match=message):
+        Perturb(env, schedule, **arguments)
+    assert_same(arrays(env.model), before)
+
+
+def test_one_in_the_other_is_refused():
+    with pytest.raises(ValueError, match="in a Perturb already: give that one the whole schedule"):
+        Perturb(gym.wrappers.TimeLimit(Perturb(Workbench()), 5))
+
+
+@pytest.mark.parametrize("kind", ["camera_aim", "light", "joint_zero"])
+def test_where_no_model_is_found_it_says_how_to_tell(kind):
+    with pytest.raises(ValueError, match="no MuJoCo model is found behind Canvas") as caught:
+        Perturb(Canvas(), do(kind))
+    advice = str(caught.value)
+    code = advice[advice.index("    from ") : advice.index("    Perturb(env")]
+    names = {}
+    exec("\n".join(line[4:] for line in code.splitlines()), names)
+    env = Workbench(["front"])
+    env.sim = env
+    perturbed = Perturb(env, do("camera_aim", camera="front"), adapter=names["Mine"]())
+    assert perturbed.parts.cameras == ("front",)
+
+
+def test_without_mujoco_images_actions_and_observations_are_perturbed():
+    schedule = [*do("exposure", factor=0.5), *do("motor_sign", motor="action1"), *do("latency", motions=1)]
+    env = begun(Perturb(Canvas(), schedule, seed=0, images={"render": ()}), None)
+    for there in (100, 100, 50):
+        observation, *_ = env.step(np.float32([56, 56]))
+        assert (observation == there).all()
+    assert env.unwrapped.got.tolist() == [56, 512 - 56]
+    assert (env.render() == 50).all()
+
+
+BOX = gym.spaces.Box
+OF_ACTIONS = r"motor_gain acts on actions that are numbers \(m,\), each in a range"
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "message"),
+    [
+        ("motor_gain", {"action_space": gym.spaces.Discrete(3)}, OF_ACTIONS),
+        ("motor_gain", {"action_space": BOX(-np.inf, np.inf, (2,))}, OF_ACTIONS),
+        ("exposure", {"image": BOX(0, 1, (24, 32, 3), np.float32)}, COLOURS),
+        ("exposure", {"image": BOX(0, 255, (4, 24, 32, 3), np.uint8)}, COLOURS),
+        ("exposure", {"image": BOX(0, 255, (24, 32, 1), np.uint8)}, COLOURS),
+    ],
+)
+def test_actions_without_a_range_and_images_of_other_kinds_are_refused(kind, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Perturb(Canvas(**arguments), do(kind), images={"render": ()})
+
+
+WORLD = plain_world(ModelParts(("top",), ()))
+PLACE = np.zeros(2)
+
+
+def world(**fields):
+    return WORLD.replace(**{name: [value] for name, value in fields.items()})
+
+
+@pytest.mark.parametrize("size", [(90, 120), (120, 90), (64, 64)])
+def test_colours_may_be_first_or_last_and_images_rectangular(size):
+    image = np.random.default_rng(0).integers(0, 255, (*size, 3), np.uint8)
+    there = world(exposure=0.7, blur=6.0, image_noise=5.0, lens_k1=-0.1)
+    found = faulty(image, there, 0, PLACE)
+    assert found.shape == image.shape
+    first = faulty(np.moveaxis(image, -1, 0), there, 0, PLACE)
+    np.testing.assert_array_equal(np.moveaxis(first, 0, -1), found)
+
+
+def test_noise_and_exposure_are_as_strong_as_is_said():
+    grey = np.full((90, 120, 3), 100, np.uint8)
+    assert faulty(grey, world(image_noise=8.0), 0, PLACE).std() == pytest.approx(8, rel=0.05)
+    assert (faulty(grey, world(exposure=1.5), 0, PLACE) == 150).all()
+
+
+@pytest.mark.parametrize("k1", [-0.15, 0.1])
+def test_a_lens_puts_points_where_our_own_cameras_see_them(k1):
+    height, width = 120, 160
+    focal = WORLD.focal_length[0] * height / IMAGE_SIZE
+    for pixel in ([60.0, 100.0], [90.0, 40.0], [30.0, 60.0]):
+        image = np.zeros((height, width, 3), np.uint8)
+        row, column = map(int, pixel)
+        image[row - 1 : row + 2, column - 1 : column + 2] = 255
+        middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        flat = (np.array([column, row]) - middle) / focal
+        there, _ = image_points(flat, np.array([focal]), middle, k1, 0.0, np.inf)
+        found = faulty(image, world(lens_k1=k1), 0, PLACE)[..., 0].astype(float)
+        seen = [(found.sum(axis) @ np.arange(found.shape[1 - axis])) / found.sum() for axis in (0, 1)]
+        np.testing.assert_allclose(seen, there, atol=0.3)

@@ -6,22 +6,21 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import agents
-from calfree_gym import Perturb, StereoPoints
+from calfree_gym import StereoPoints
 from calfree_gym.geometry import looking_at
 from calfree_gym.perturb import FixedCamera, Words
+from tests.calfree_gym.environments import begun
 from tests.calfree_gym.perturb.table_top import STEP, TableTop
 
 WORDS = Words((0, 1, 2), steps=15)
 """A word of 1 moves the hand by 0.3 m."""
 
 
-def made(env=None, cameras=("top", "front"), words=WORDS, **arguments):
-    return StereoPoints(env or TableTop(), "tip", "thing", cameras, words, **arguments)
+def made(env=None, cameras=("top", "front"), words=WORDS, gripper="tip", **arguments):
+    return StereoPoints(env or TableTop(), gripper, "thing", cameras, words, **arguments)
 
 
 def by_hand(position):
-    """Where both cameras show a position: one looks down from 1 m, one along y from 1 m before."""
     x, y, z = position
     top, front = 1 / np.tan(np.radians(30)), 1 / np.tan(np.radians(25))
     return [top * x / (1 - z), -top * y / (1 - z), front * x / (1 + y), -front * (z - 0.2) / (1 + y)]
@@ -69,8 +68,7 @@ def test_a_camera_with_a_sensor_shows_points_where_mujoco_renders_them():
 
 
 def test_words_are_displacements_and_add_up_in_registers():
-    env = made()
-    env.reset(seed=0)
+    env = begun(made())
     before = env.unwrapped.data.mocap_pos[0].copy()
     observation, *_ = env.step(np.array([0.5, -0.25, 0.0]))
     moved = env.unwrapped.data.mocap_pos[0] - before
@@ -91,24 +89,9 @@ def test_absolute_actions_go_to_registers_and_stay():
 
 
 def test_what_the_environment_knows_of_registers_is_told():
-    env = made(registers=lambda env: env.unwrapped.data.mocap_pos[0] / 0.3 - [0, 0, 2 / 3])
-    env.reset(seed=0)
+    env = begun(made(registers=lambda env: env.unwrapped.data.mocap_pos[0] / 0.3 - [0, 0, 2 / 3]))
     observation, *_ = env.step(np.array([0.5, 0.0, -0.1]))
     np.testing.assert_allclose(observation["observation"][4:], [0.5, 0, -0.1], atol=1e-6)
-
-
-def test_a_knocked_camera_shows_points_elsewhere_until_it_is_undone():
-    knock = {"type": "camera_aim", "camera": "top", "degrees": 3}
-    schedule = [{"at": {"step": 2}, "do": knock}, {"at": {"step": 4}, "undo": 0}]
-    seen = []
-    for each in (TableTop(), Perturb(TableTop(), schedule, seed=0, images={"top": None})):
-        env = made(each)
-        first, _ = env.reset(seed=0)
-        seen.append([first["achieved_goal"], *(env.step(np.zeros(3))[0]["achieved_goal"] for _ in range(6))])
-    bare, knocked = np.array(seen).reshape(2, 7, 2, 2)
-    differs = (bare != knocked).any(-1)
-    assert differs[:, 0].tolist() == [False, False, False, True, True, False, False]
-    assert not differs[:, 1].any()
 
 
 def test_a_lost_point_keeps_its_last_value_and_its_flag_falls():
@@ -129,12 +112,12 @@ def test_noise_has_its_size_and_comes_from_the_seed():
 
 
 def test_an_episode_ends_at_the_rendezvous_and_where_the_environment_ends_it():
-    env = made(TableTop(steps=20))
-    env.reset(seed=1)
-    hand, thing = env.unwrapped.data.mocap_pos
-    words = (thing - hand) / (15 * STEP)
-    *_, reward, terminated, truncated, info = env.step(words)
-    assert (reward, terminated, truncated, info["is_success"]) == (0.0, True, False, True)
+    check_env(made(), skip_render_check=True)
+    for ends in (False, True):
+        env = begun(made(TableTop(steps=20), terminate_on_success=ends), 1)
+        hand, thing = env.unwrapped.data.mocap_pos
+        *_, reward, terminated, truncated, info = env.step((thing - hand) / (15 * STEP))
+        assert (reward, terminated, truncated, info["is_success"]) == (0.0, ends, False, True)
     env.reset(seed=1)
     env.step(-np.ones(3))
     *_, reward, terminated, truncated, info = env.step(np.ones(3))
@@ -142,31 +125,10 @@ def test_an_episode_ends_at_the_rendezvous_and_where_the_environment_ends_it():
     assert env.unwrapped.count == 20
 
 
-@pytest.mark.parametrize("name", ["unified_servo", "memory"])
-def test_agents_reach_in_it_as_they_are(name):
-    env = made(TableTop(steps=10_000), noise_px=0.5)
-    watched = gym.wrappers.RecordEpisodeStatistics(env)
-    agents.make(name, watched).learn(60)
-    lengths = list(watched.length_queue)
-    assert len(lengths) >= 10
-    assert np.mean(lengths[-5:]) <= 4, "it reaches in a few motions"
-
-
-def test_an_episode_goes_on_at_the_rendezvous_where_that_is_asked():
-    env = made(terminate_on_success=False)
-    env.reset(seed=1)
-    hand, thing = env.unwrapped.data.mocap_pos
-    _, reward, terminated, *_ = env.step((thing - hand) / (15 * STEP))
-    assert (reward, terminated) == (0.0, False)
-
-
-def test_it_is_an_environment():
-    check_env(made(), skip_render_check=True)
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ({"gripper": "tap"}, "a site is 'tap'"),
         ({"cameras": ("top", "frnt")}, r"a camera is 'frnt' \(did you mean front\?\); allowed: top, front"),
         ({"cameras": ("top",)}, "there must be two"),
         ({"words": Words((0, 3))}, "an entry of words is 3; it must be a whole number from 0 to 2"),
@@ -177,15 +139,12 @@ def test_what_is_not_there_is_named(arguments, said):
         made(**arguments)
 
 
-def test_bad_sites_actions_and_words_are_refused():
-    with pytest.raises(ValueError, match="a site is 'tap'"):
-        StereoPoints(TableTop(), "tap", "thing", ("top", "front"), WORDS)
+def test_bad_actions_and_words_are_refused():
     env = TableTop()
     env.action_space = gym.spaces.Discrete(4)
     with pytest.raises(ValueError, match="words need a box"):
         made(env)
-    env = made()
-    env.reset(seed=0)
+    env = begun(made())
     for bad in (np.zeros(2), np.full(3, np.nan)):
         with pytest.raises(ValueError, match="3 finite numbers"):
             env.step(bad)

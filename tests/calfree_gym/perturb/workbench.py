@@ -99,7 +99,6 @@ class Workbench(gym.Env):
 
 
 def steps(env, count=8, seed=0):
-    """What a reset and so many steps show, with actions that are the same each time."""
     actions = np.random.default_rng(1).uniform(env.action_space.low, env.action_space.high, (count, 2))
     found = [env.reset(seed=seed)[0]]
     found += [env.step(action.astype(np.float32))[0] for action in actions]
@@ -107,7 +106,6 @@ def steps(env, count=8, seed=0):
 
 
 def arrays(model):
-    """All numbers of a model, by name."""
     names = [name for name in dir(model) if isinstance(getattr(model, name), np.ndarray)]
     head = model.vis.headlight
     return {name: getattr(model, name).copy() for name in names} | {

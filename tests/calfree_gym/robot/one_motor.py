@@ -55,7 +55,6 @@ class Motor:
         return rest + self.of("motor_sign") * self.of("motor_gain") * self.robot.span[self.motor] * far
 
     def end(self, far):
-        """The last register on the way to `far` at which the joint has not passed its stop."""
         (low, high), margin = self.robot.stops[self.motor], self.robot.stop_margin[self.motor]
         near, tried = 0.0, far
         for _ in range(60):

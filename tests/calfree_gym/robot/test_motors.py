@@ -19,7 +19,6 @@ ROUNDING = 1e-12
 
 @st.composite
 def rippled(draw):
-    """A world of which the shoulder's gear ripples, and its ripple."""
     ripple = (
         np.exp(draw(st.floats(np.log(0.02), np.log(3)))),
         draw(st.floats(-7, 7)),
@@ -52,7 +51,6 @@ def shoulder(motors, registers):
 
 
 def gain_there(world, ripple, register):
-    """The slope of the shoulder's position over its register, by the chain rule, from the formula."""
     period, phase, depth = ripple
     turn = 2 * np.pi / period
     t = register + depth / turn * (np.sin(turn * register + phase) - np.sin(phase))
@@ -65,7 +63,6 @@ def gain_there(world, ripple, register):
 @settings(max_examples=60)
 @given(rippled())
 def test_a_rippled_gears_gain_is_that_of_the_formula_and_home_is_home(both):
-    """The position is the integral of the gain from home: Simpson's rule, whose step resolves the ripple."""
     world, ripple = both
     motors, plain = maps(world), maps(replace(world, gear_ripple=[1.0, 0.0, 0.0]))
     assert (motors.positions(np.zeros((1, 3)), ONE) == plain.positions(np.zeros((1, 3)), ONE)).all()
@@ -152,7 +149,6 @@ def test_a_coupled_motor_gives_way_only_where_its_own_joint_is_at_its_stop(both,
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])
 def test_every_object_of_a_wilder_world_is_one_motion_from_home(mount):
-    """The registers that an environment tells for an object bring the gripper there."""
     mounts = MOVEMASTER.mounts(mount)
     for seed in range(4):
         workspace = Workspaces(1, MOVEMASTER, mounts)

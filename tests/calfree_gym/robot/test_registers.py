@@ -1,4 +1,4 @@
-"""Registers as they are told, and joints as they stand, against a model of one motor in plain Python."""
+"""Registers and joints against a model of one motor in plain Python, alike in all tasks and arms."""
 
 import math
 from dataclasses import replace
@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from calfree_gym import WorldDistribution, nominal
+from calfree_gym.robot.arms.arm import robot_of
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from tests.calfree_gym.environments import kinematic
-from tests.calfree_gym.robot.one_motor import Motor, made, registers_of
+from tests.arms.every import arm_named
+from tests.calfree_gym.environments import TASKS, begun, kinematic
+from tests.calfree_gym.robot.one_motor import EXACT, FIELDS, Motor, made, registers_of
 
 
 def each(low, high):
@@ -21,7 +23,6 @@ def each(low, high):
 
 @st.composite
 def rough_worlds(draw):
-    """Worlds whose registers are exact but tell not all."""
     periods, phases, depths = (draw(each(*of)) for of in ((0.05, 2), (-4, 4), (0, 0.9)))
     return replace(
         WorldDistribution("wild").sample(draw(st.integers(0, 99))),
@@ -38,7 +39,6 @@ PHYSICS = made(world=replace(nominal(), word_gain=0.25), dynamics="physics")
 
 
 def follow(env, world, words, atol):
-    """Each motion's registers and joints are the model's."""
     env.set_world(world)
     motors = [Motor(world, motor) for motor in range(3)]
     for seed in (0, None):  # home puts all right
@@ -124,8 +124,7 @@ def test_told_registers_are_the_nearest_whole_multiples_of_their_step(step, nois
 
 
 def test_noise_takes_no_register_out_of_the_space():
-    env = made(world=replace(nominal(), register_noise=0.5, register_step=0.3))
-    env.reset(seed=0)
+    env = begun(made(world=replace(nominal(), register_noise=0.5, register_step=0.3)))
     for _ in range(30):
         observation = env.step(np.ones(3))[0]
         assert env.observation_space.contains(observation)
@@ -151,3 +150,90 @@ def test_registers_of_weak_words_end_farther_out_and_the_space_says_so():
     rows = kinematic(2, world=["wild", weak], keep_in_view=False)
     assert rows.single_observation_space["observation"].high.max() == 4
     rows.unwrapped.set_world(weak, 0)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_world_whose_registers_go_beyond_the_space_is_refused_before_anything_changes(task):
+    env = begun(made(task, world="nominal"))
+    world, state = env.world, env.get_state()
+    weak = replace(world, word_gain=np.append(0.25, np.ones(len(world.motor_sign) - 1)))
+    message = r"word_gain is \[0.25, .*registers would go to \+-4; .* observes them within \+-1"
+    with pytest.raises(ValueError, match=message):
+        env.set_world(weak)
+    with pytest.raises(ValueError, match=message):
+        env.set_state(state | {"_worlds": weak})
+    assert env.world == world
+    env.set_world(replace(world, word_gain=2))
+
+
+def lived(env, motions, seed=1):
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(motions):
+        observation, *_, info = env.step(rng.uniform(-0.3, 0.3, env.action_space.shape))
+        found += [*observation.values(), info["truth"]["joints"]]
+    return np.concatenate([np.ravel(each) for each in found])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_defaults_are_no_change_and_every_field_is_one_that_registers_or_joints_show(task):
+    given_ = {name: getattr(nominal(), name)[0] for name in FIELDS}
+
+    def run(**fields):
+        env = begun(made(task, world="nominal"), 2)
+        env.set_world(replace(env.world, **fields))
+        env.reset(seed=2)
+        return lived(env, 3)
+
+    plain = run()
+    np.testing.assert_array_equal(run(**given_), plain)
+    for name, value in FIELDS.items():
+        other = 2.0 if name == "word_gain" else value  # within the space
+        assert (run(**{name: other}) != plain).any(), name
+
+
+def test_a_stopped_arm_stands_where_its_registers_and_its_joints_were_on_the_way():
+    env = begun(made("SafeReach", world="nominal", force_bound=1e9))
+    world = replace(env.world, dead_zone=0.2, gear_ripple=(0.5, 1, 0.6), motor_gain=np.full(3, 4.0))
+    env.set_world(world)
+    rng, stopped = np.random.default_rng(0), 0
+    for _ in range(4):
+        env.reset()
+        for _ in range(3):
+            motors = motors_at(env)
+            before = [(each.register, each.joint) for each in motors]
+            words = rng.uniform(-0.6, 0.6, 3)
+            observation, *_, info = env.step(words)
+            share = env.arms.simulation.touched.shares[0]
+            for i, motor in enumerate(motors):
+                motor.move(words[i])
+                ends = [motor.position(at) for at in (*before[i], motor.register, motor.joint)]
+                there = (1 - share) * ends[1] + share * ends[3]
+                assert info["truth"]["joints"][i] == pytest.approx(there, abs=5e-3)
+                told = registers_of(observation)[i]
+                by_register = (1 - share) * ends[0] + share * ends[2]
+                assert motor.position(float(told)) == pytest.approx(by_register, abs=1e-4)
+            stopped += share < 1
+    assert stopped > 0
+
+
+def motors_at(env):
+    motors = [Motor(env.world, motor) for motor in range(3)]
+    for i, motor in enumerate(motors):
+        motor.register, motor.joint = env.arms.registers[0, i], env.arms._registers.joints[0, i]
+    return motors
+
+
+@pytest.mark.parametrize("name", ["scara", "gantry"])
+def test_other_arms_have_them_too(name):
+    robot = robot_of(arm_named(name))
+    world = replace(nominal(robot), **FIELDS | EXACT)
+    env = begun(made(arm=arm_named(name), world=world))
+    motors = [Motor(world, motor, robot) for motor in range(len(robot.motors))]
+    for words in np.random.default_rng(0).uniform(-0.3, 0.3, (5, len(motors))):
+        observation, *_, info = env.step(words)
+        for i, motor in enumerate(motors):
+            motor.move(words[i])
+            told = registers_of(observation, len(motors))[i]
+            assert told == pytest.approx(motor.register / 0.5, abs=1e-6)
+            assert info["truth"]["joints"][i] == pytest.approx(motor.position(motor.joint), abs=1e-9)

@@ -15,7 +15,7 @@ from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.tasks import insert
 from calfree_gym.tasks.grasp import held
 from calfree_gym.tasks.reach import kept_apart, rendezvous
-from tests.calfree_gym.environments import kinematic, make
+from tests.calfree_gym.environments import make
 
 coordinates = st.floats(-1, 1, width=32)
 nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])
@@ -29,7 +29,6 @@ nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])
     st.floats(1 / 256, 1.0),
 )
 def test_what_is_hidden_never_shows_a_rendezvous(objects, apart, visible, tolerance):
-    """As the environment judges it, in single precision; gripper points lie near those of the objects."""
     tolerance = float(np.float32(tolerance))
     points = np.concatenate([np.clip(objects + tolerance * apart, -1, 1), objects], axis=1)
     given_ = points.copy()
@@ -48,24 +47,6 @@ def test_what_is_hidden_never_shows_a_rendezvous(objects, apart, visible, tolera
     moved = (kept != points).any((1, 2))
     far = np.linalg.norm(points[:, :2] - points[:, 2:], axis=-1).max(-1)
     assert not moved[far > 1.02 * tolerance].any()
-
-
-def test_a_rendezvous_takes_points_that_are_seen_without_occlusion_too():
-    """Points that were never seen stand in the middle of the image: not a rendezvous, though they meet."""
-    dropout = {"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.8}}
-    env = kinematic(camera_mount="stand", perturbations=[dropout])
-    met = 0
-    env.action_space.seed(0)
-    for seed in range(60):
-        observation, info = env.reset(seed=seed)
-        met += info["is_success"]
-        for _ in range(2):
-            observation, reward, terminated, _, info = env.step(env.action_space.sample())
-            seen = observation["observation"][:4] > 0.5
-            assert seen.all() or not (terminated or info["is_success"] or reward == 0)
-            if terminated:
-                break
-    assert not met
 
 
 FAR, NEAR = 40 * IMAGE_UNIT, 4 * IMAGE_UNIT
@@ -96,27 +77,27 @@ def test_what_goes_with_a_gripper_that_moves_is_held(gripper, object_, blocked, 
 
 
 BASE, TIP = np.array([[[0.0, -0.2], [0.1, -0.2]]]), np.array([[[0.0, 0.0], [0.1, 0.0]]])
-SEEN = np.array([True])
 
 
-@pytest.mark.parametrize("share", [-0.5, 0.0, 0.17, 0.3])
-def test_depth_is_what_is_beyond_the_hole_on_the_axis(share):
-    beside = np.array([0.01, 0.0])
-    hole = TIP - share * (TIP - BASE) + beside
-    assert insert.depth_told(TIP, BASE, hole, SEEN) == pytest.approx([share])
+@pytest.mark.parametrize(
+    ("tip", "base", "hole", "seen", "depth"),
+    [
+        *((TIP, BASE, TIP - share * (TIP - BASE) + [0.01, 0], True, share) for share in (-0.5, 0, 0.17, 0.3)),
+        (TIP, BASE, TIP - 0.1, False, -1),
+        (TIP, TIP, BASE, True, 0),  # no axis is seen
+    ],
+)
+def test_depth_is_what_is_beyond_the_hole_on_the_axis(tip, base, hole, seen, depth):
+    assert insert.depth_told(tip, base, hole, np.array([seen])) == pytest.approx([depth])
 
 
-def test_what_is_not_seen_is_not_in():
-    assert insert.depth_told(TIP, BASE, TIP - 0.1, ~SEEN) == [-1]
-    assert insert.depth_told(TIP, TIP, BASE, SEEN) == [0], "no axis is seen"
-
-
-def test_deep_is_in_only_at_the_hole():
+@pytest.mark.parametrize(
+    ("off", "within"), [([0] * 5, True), ([0, 0, 0, 0, -0.01], False), ([0, 0, 0.06, 0, 0.5], False)]
+)
+def test_deep_is_in_only_at_the_hole(off, within):
     desired = np.array([0.1, 0.2, 0.3, 0.4, insert.DEPTH])
-    assert insert.inserted(desired, desired, 0.05)
-    assert not insert.inserted(desired - np.array([0, 0, 0, 0, 0.01]), desired, 0.05)
-    assert not insert.inserted(desired + np.array([0, 0, 0.06, 0, 0.5]), desired, 0.05)
-    assert insert.inserted(np.stack([desired, desired + 0.2]), desired, 0.05).tolist() == [True, False]
+    assert insert.inserted(desired + off, desired, 0.05) == within
+    assert insert.inserted(np.stack([desired + off] * 2), desired, 0.05).tolist() == [within] * 2
 
 
 EARLIER = {

@@ -27,8 +27,6 @@ class Frame:
 
 
 class Canvas:
-    """A picture that layers are put on, the nearest last."""
-
     def __init__(self, background):
         self.picture = background.astype(np.float32)
         self._balls = {}
@@ -96,13 +94,11 @@ class Canvas:
         self.put(alpha / 255, colour, low)
 
     def visible(self, name):
-        """Share of a ball that no later layer hides, and that lies within the image."""
         whole, left = self._balls[name]
         return float(left.sum() / max(whole, 1e-9))
 
 
 def dull(rng):
-    """A colour of saturation 0.3 or less."""
     largest, saturation = rng.uniform(20, 240), rng.uniform(0, 0.3)
     return largest * (1 - saturation * rng.permutation([0, rng.uniform(), 1]))
 
@@ -204,7 +200,6 @@ def random_frame(rng, size, hide=0.0, occlude=0.0, behind=background):
 
 
 def occluder(canvas, place, radius, rng):
-    """Puts a thing before a ball: a half plane's edge, or a bar across."""
     along = rng.uniform(0, 2 * np.pi)
     d, n = np.array([np.cos(along), np.sin(along)]), np.array([-np.sin(along), np.cos(along)])
     start = rng.uniform(-0.9, 1.0) * radius
@@ -214,7 +209,6 @@ def occluder(canvas, place, radius, rng):
 
 
 def drawn(seed, count, **options):
-    """So many random frames, of three sizes."""
     return [random_frame(np.random.default_rng([seed, i]), SIZES[i % 3], **options) for i in range(count)]
 
 

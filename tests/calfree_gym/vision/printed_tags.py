@@ -47,7 +47,6 @@ def arch(numbers=(0, 1)):
 
 
 def card():
-    """As `arch`, of the object's print."""
     return tag(2), (4, 4)
 
 

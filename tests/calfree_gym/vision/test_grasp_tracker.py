@@ -103,7 +103,6 @@ def tracker():
 
 @pytest.fixture
 def before(tracker):
-    """What the tracker has found in the first images."""
     return found(tracker, drawn(**LEFT), drawn(**RIGHT))
 
 
@@ -134,7 +133,6 @@ def test_a_drawn_gripper_is_found(before):
 
 
 def test_in_a_wider_image_lengths_are_alike_along_both_axes(tracker):
-    """The same picture with a margin on its right: the same places in px."""
     square, wide = drawn(**LEFT), drawn(**RIGHT)
     margin = np.broadcast_to(wide[:1, :1], (256, 64, 3))
     wide = np.concatenate([wide, margin], 1)
@@ -191,7 +189,6 @@ def test_a_round_thing_that_moves_is_seen_by_what_shows_of_its_outline(tracker):
 @pytest.mark.parametrize("by", [(0, 0), (7, -5)])
 @pytest.mark.usefixtures("before")
 def test_a_thing_that_moves_is_laid_over_what_shows_of_it_beside_the_gripper(tracker, turn, by):
-    """A jaw lies over an end of it: what is left has another middle."""
     middle, half = LEFT["object_"].mean(0) + by, np.diff(LEFT["object_"], axis=0)[0] / 2
     turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ half
     moved = {**LEFT, "object_": np.array([middle - turned, middle + turned])}
@@ -204,7 +201,6 @@ def test_a_thing_that_moves_is_laid_over_what_shows_of_it_beside_the_gripper(tra
 
 @given(st.floats(-1.2, 1.2), st.floats(0.5, 1.9), st.floats(0, 6), st.sampled_from(["edge_1", "edge_2"]))
 def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
-    """Whatever the camera; of two ways round the one that was seen before."""
     gripper = seen_from(turn, tilt, roll)
     dot, places = np.ones((5, 5), np.float32), places_of_marks(**gripper)
     parts = {name: [MarkPart.of(middle - 3, dot) for middle in middles] for name, middles in places.items()}
@@ -216,7 +212,6 @@ def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
 
 @given(st.floats(-1.2, 1.2), st.floats(0.6, 1.2), st.floats(0, 6))
 def test_jaws_are_seen_by_their_surface(turn, tilt, roll):
-    """It lies on the camera's side of the axis, and so ahead in the image of a gripper seen from behind."""
     layout, gripper = LAYOUT._replace(surface=0.08), seen_from(turn, tilt, roll, size=60.0)
     sine = np.hypot(*gripper["axis"]) / 60.0
     ahead = layout.surface * np.sqrt(1 - sine**2) / sine * gripper["axis"]

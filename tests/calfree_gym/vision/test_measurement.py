@@ -1,4 +1,4 @@
-"""Outliers, dropout and latency against their definitions; privileged quantities; redrawn worlds."""
+"""Outliers, dropout and latency against their definitions; redrawn worlds."""
 
 from dataclasses import replace
 
@@ -10,15 +10,14 @@ from calfree_gym.engine.sight import MeasurementModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
-from tests.calfree_gym.environments import kinematic, make, trials
+from tests.calfree_gym.environments import begun, kinematic, make, trials
 
 LATE = {"type": "latency"}
 
 
 def lifetime(world, motions):
     """Observed points (motions, 4, 2), flags and true points of a resting arm, in pixels."""
-    env = kinematic(world=world, terminate_on_success=False).unwrapped
-    env.reset(seed=1)
+    env = begun(kinematic(world=world, terminate_on_success=False).unwrapped, 1)
     points, flags, true = [], [], []
     for _ in range(motions):
         observation, *_, info = env.step(np.zeros(3))
@@ -57,7 +56,6 @@ def test_outliers_and_dropout_change_no_other_draw():
 
 @pytest.mark.parametrize("late", [1, 3])
 def test_latency_delays_points_and_flags_and_nothing_else(late):
-    """The delayed environment's observations are the prompt one's, so many motions later."""
     words = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
     series_of = {}
     for latency in (0, late):
@@ -82,18 +80,6 @@ def test_latency_delays_points_and_flags_and_nothing_else(late):
             assert info["truth"]["error_px"] == same_time[3]["truth"]["error_px"]
 
 
-def test_privileged_quantities_are_true_and_only_there_on_request():
-    names = ("joint_angles", "joint_zeros", "gripper_position")
-    env = make(tell=names).unwrapped
-    env.reset(seed=2)
-    observation, *_, info = env.step(np.full(3, 0.05))
-    assert env.observation_space.contains(observation)
-    np.testing.assert_allclose(observation["joint_angles"], info["truth"]["joints"], atol=1e-6)
-    np.testing.assert_allclose(observation["gripper_position"], info["truth"]["gripper"], atol=1e-6)
-    np.testing.assert_allclose(observation["joint_zeros"], env.world.joint_zeros, atol=1e-6)
-    assert set(make().reset(seed=2)[0]) == {"achieved_goal", "desired_goal", "observation"}
-
-
 def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
     def worlds(motions):
         env, found = kinematic(redraw="trial").unwrapped, []
@@ -106,8 +92,7 @@ def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
     once = worlds(0)
     assert len(set(once)) == 4
     assert worlds(3) == once
-    batch = kinematic(rows=2, redraw="trial")
-    batch.reset(seed=5)
+    batch = begun(kinematic(rows=2, redraw="trial"), 5)
     batch.reset()
     assert batch.unwrapped.worlds[0] == once[1]
 
@@ -124,13 +109,11 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     assert not info["is_success"]
     mounts, worlds = MOVEMASTER.mounts(mount), map(WorldDistribution("wild").sample, range(300))
     seed, out = next((s, w) for s, w in enumerate(worlds) if not in_view(w, MOVEMASTER, mounts, whole=True))
-    env = make(camera_mount=mount, keep_in_view=False).unwrapped
-    env.reset(seed=seed)
+    env = begun(make(camera_mount=mount, keep_in_view=False).unwrapped, seed)
     assert env.world == out
 
 
 def test_outliers_and_dropout_are_independent_of_each_other():
-    """All pairs of a point's outlier in one motion and a point's dropout in another, over many seeds."""
     rows, motions = 1500, 16
     model = MeasurementModel(rows)
     world = replace(nominal(), point_noise=0.0, point_outliers=0.5, point_dropout=0.5)
@@ -148,22 +131,6 @@ def test_outliers_and_dropout_are_independent_of_each_other():
     correlations = 4 * sides[0].T @ sides[1] / rows
     assert correlations.shape == (4 * motions, 4 * motions)
     assert np.abs(correlations).max() < 6 / np.sqrt(rows)
-
-
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_words_to_the_object_registers_reach_the_object_in_one_motion(mount):
-    options = {"camera_mount": mount, "tell": ("object_registers",), "terminate_on_success": False}
-    env = make(perturbations=[{"at": {"motion": 1}, "do": {"type": "joint_zero"}}], **options)
-    rows = kinematic(rows=5, **options)
-    for seed in range(5):
-        observation, _ = env.reset(seed=seed)
-        for _ in range(3):  # after the first, the arm is another one
-            missing = observation["object_registers"] - observation["observation"][4:]
-            observation, *_, info = env.step(missing)
-        assert info["truth"]["distance_mm"] < 0.5
-    observation, _ = rows.reset(seed=0)
-    *_, infos = rows.step(observation["object_registers"] - observation["observation"][:, 4:])
-    assert (infos["truth"]["distance_mm"] < 0.1).all()
 
 
 def delivered(schedule, count=1):

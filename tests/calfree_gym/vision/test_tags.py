@@ -1,7 +1,6 @@
 """Printed tags, on drawn frames and on the page that is printed, against geometry of our own."""
 
 import re
-from pathlib import Path
 
 import cv2
 import matplotlib.cbook
@@ -24,19 +23,6 @@ from tests.calfree_gym.vision.printed_tags import (
     random_pose,
 )
 
-DEBIAN = Path("/usr/share/doc/opencv-doc/examples")
-"""Of Debian's package opencv-doc."""
-PHOTOGRAPHS = (
-    *("aero1.jpg", "aero3.jpg", "aloeL.jpg", "aloeR.jpg", "apple.jpg", "baboon.jpg", "basketball1.png"),
-    *("basketball2.png", "blox.jpg", "board.jpg", "box.png", "box_in_scene.png", "building.jpg"),
-    *("butterfly.jpg", "chicky_512.png", "ela_modified.jpg", "ela_original.jpg", "fruits.jpg", "graf1.png"),
-    *("graf3.png", "home.jpg", "left.jpg", "left01.jpg", "left05.jpg", "left13.jpg", "leuvenA.jpg"),
-    *("leuvenB.jpg", "licenseplate_motion.jpg", "messi5.jpg", "orange.jpg", "right.jpg", "right08.jpg"),
-    *("rubberwhale1.png", "rubberwhale2.png", "smarties.png", "squirrel_cls.jpg", "stuff.jpg"),
-    *("sudoku.png", "text_defocus.jpg", "text_motion.jpg"),
-)
-"""Of its folder data. They show no tag."""
-
 
 def pixels(points):
     """Image points (4, 2) of a tracker, in px from the corner of an image."""
@@ -55,7 +41,6 @@ def errors(frames):
 
 
 def assert_found(error):
-    """At least 98 % of both are, within half a pixel in the median."""
     assert (np.isfinite(error).mean(0) >= 0.98).all()
     assert (np.nanmedian(error, 0) <= 0.5).all()
     assert (np.nanquantile(error, 0.95, 0) <= 1).all()
@@ -66,24 +51,6 @@ def test_tags_that_are_tilted_by_up_to_45_degrees_are_found_within_half_a_pixel(
         photograph = np.array(PIL.Image.open(file).convert("RGB"))
     behind = background, cut_out(photograph)
     assert_found(errors(random_frame(np.random.default_rng([0, i]), behind[i % 2]) for i in range(50)))
-
-
-@pytest.mark.slow
-def test_tags_before_photographs_and_none_where_there_are_none():
-    if not DEBIAN.exists():
-        pytest.skip("needs Debian's package opencv-doc")
-    photographs = [cv2.imread(str(DEBIAN / "data" / name))[..., ::-1] for name in PHOTOGRAPHS]
-    assert_found(
-        errors(
-            random_frame(np.random.default_rng([1, i, j]), cut_out(photograph))
-            for i, photograph in enumerate(photographs)
-            for j in range(3)
-        )
-    )
-    for path in DEBIAN.rglob("*.*"):  # drawings too
-        image = cv2.imread(str(path)) if path.suffix in (".jpg", ".png") else None
-        if image is not None:
-            assert not TagTracker()(image[..., ::-1], image[..., ::-1])[1].any(), path
 
 
 def scene(*prints, seed=0, tilt=0.5):
@@ -121,30 +88,6 @@ def test_the_gripper_is_seen_where_both_tags_of_one_flat_print_are(prints, gripp
     np.testing.assert_array_equal(points[~visible], before[~visible])
 
 
-def test_at_the_rendezvous_no_print_hides_a_tag_of_the_other():
-    """Both middles are at one place: rays to places on a tag's print meet the other print, or do not."""
-    rng, hidden = np.random.default_rng(0), []
-    for _ in range(300):
-        gripper, object_ = (random_pose(rng, (320, 240), np.pi / 4) for _ in range(2))
-        hidden.append(
-            hides(card(), object_, arch(), gripper).any() or hides(arch(), gripper, card(), object_).any()
-        )
-    assert np.mean(hidden) <= 0.03
-
-
-def hides(print_, pose, other, behind):
-    """Whether a print is before black cells (n,) of another one."""
-    (cells, middle), (others, other_middle) = print_, other
-    places = CELL * (np.argwhere(others == 0)[:, ::-1] + 0.5 - other_middle)
-    seen = behind.middle + places @ behind.axes[:, :2].T
-    normal = pose.axes[:, 2]
-    nearer = (normal @ pose.middle) / (seen @ normal)
-    met = (seen * nearer[:, None] - pose.middle) @ pose.axes[:, :2] / CELL + middle
-    column, row = np.floor(met).astype(int).T
-    within = (column >= 0) & (column < cells.shape[1]) & (row >= 0) & (row < cells.shape[0])
-    return within & (nearer < 1) & (cells[np.where(within, row, 0), np.where(within, column, 0)] >= 0)
-
-
 def numbers(pattern, text):
     """What the groups of all matches say (n, groups)."""
     return np.array([np.atleast_1d(each).astype(float) for each in re.findall(pattern, text, re.MULTILINE)])
@@ -152,7 +95,6 @@ def numbers(pattern, text):
 
 @pytest.mark.parametrize(("paper", "size"), [("A4", (210, 297)), ("Letter", (215.9, 279.4))])
 def test_the_page_shows_the_prints_in_true_size(paper, size, tmp_path):
-    """Read as a viewer does: the size of the page, the unit, squares that are filled, outlines and ticks."""
     print_tags(tmp_path / "tags.pdf", paper)
     text = (tmp_path / "tags.pdf").read_text("ascii")
     mm = 72 / 25.4

@@ -1,4 +1,8 @@
-"""The tracker on drawn frames, against the true places of the balls."""
+"""The tracker on drawn frames, against the true places of the balls; and cameras that freeze."""
+
+import warnings
+from dataclasses import replace
+from functools import partial
 
 import cv2
 import matplotlib.cbook
@@ -8,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calfree_gym.vision import TagTracker
-from calfree_gym.vision.marks import MARK_NAMES, Mark, Marks
+from calfree_gym.vision import GraspTracker, TagTracker
+from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.balls import Ball
 from calfree_gym.vision.tracking.blobs import ColourTable
 from calfree_gym.vision.tracking.outlines import RAYS, fit_circles
 from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
-from tests.calfree_gym.environments import assert_same
+from tests.calfree_gym.environments import begun, kinematic
 from tests.calfree_gym.vision.drawings import (
     COLOURS,
     Canvas,
@@ -25,6 +29,9 @@ from tests.calfree_gym.vision.drawings import (
     drawn,
     through_jpeg,
 )
+from tests.calfree_gym.vision.printed_tags import random_frame
+from tests.calfree_gym.vision.test_grasp_tracker import LAYOUT, LEFT, RIGHT
+from tests.calfree_gym.vision.test_grasp_tracker import drawn as gripper_drawn
 
 
 def test_balls_that_nothing_hides_are_found_within_a_pixel():
@@ -67,7 +74,6 @@ def test_small_images_with_balls_of_two_pixels():
 
 
 def test_other_coloured_things_are_no_marks():
-    """Red, orange, yellow and cyan balls and shapes; boards in the marks' own colours, edge to edge; JPEG."""
     finder = BallFinder(Marks())
     for i in range(24):
         rng = np.random.default_rng([3, i])
@@ -131,17 +137,7 @@ def test_a_lost_point_stays_where_it_was_and_comes_back_anywhere():
     assert (points == 0).all()
 
 
-def test_what_is_returned_is_the_callers():
-    tracker = StereoTracker()
-    points, _ = tracker(plain(HERE), plain(HERE))
-    kept = points.copy()
-    points[:] = 9
-    again, _ = tracker(plain([]), plain([]))
-    np.testing.assert_array_equal(again, kept)
-
-
 def test_trackers_together_find_what_each_finds_alone():
-    """Whole balls and hidden ones, near and far, and none."""
     looks = [
         (plain(HERE), plain([])),
         (plain([(*ball, 4.0) for ball in HERE]), plain([(*ball, 14.0) for ball in HERE])),
@@ -191,18 +187,6 @@ def test_gripper_balls_of_impossible_sizes_are_no_pair():
     np.testing.assert_allclose(points[0] * 128 + 128, (100, 130), atol=2)
 
 
-def test_equal_images_give_equal_numbers():
-    frames = [frame.image for frame in drawn(4, 4)]
-    runs = [list(map(StereoTracker(), frames, frames[::-1])) for _ in range(2)]
-    assert_same(*runs)
-
-
-def test_images_of_another_channel_order_are_lost_points_and_no_error():
-    marks = Marks(object=Mark((240, 220, 20)))
-    _, visible = StereoTracker(marks)(plain(HERE)[..., ::-1], plain(HERE)[..., ::-1])
-    assert not visible.any()
-
-
 @pytest.mark.parametrize("kind", [StereoTracker, TagTracker])
 @settings(max_examples=20)
 @given(
@@ -247,7 +231,6 @@ def test_the_gripper_point_is_the_image_of_the_midpoint_in_space(first, second, 
     away=st.floats(0, 2 * np.pi),
 )
 def test_the_circle_of_a_disc_that_is_cut_is_the_discs(angle, cut, radius, stretch, away):
-    """A straight edge cuts the disc at `cut` radii from its centre; rays begin within what is left."""
     edge = np.array([np.cos(angle), np.sin(angle)])
     start = -0.5 * (1 - cut) / 2 * edge
     turns = np.arange(RAYS) * 2 * np.pi / RAYS
@@ -297,19 +280,6 @@ def test_views_of_larger_arrays_are_images_too():
     np.testing.assert_array_equal(points[0], points[1])
 
 
-def test_balls_before_a_photograph_of_much_blue_and_red():
-    """A portrait that comes with matplotlib: a navy coat, and a flag."""
-    with matplotlib.cbook.get_sample_data("grace_hopper.jpg") as file:
-        photograph = np.array(PIL.Image.open(file).convert("RGB"))
-    found, _ = compared(drawn(4, 60, hide=0.3, behind=cut_out(photograph)))
-    error = found[found[:, 0] > 0.95, 1]
-    assert len(error) > 100
-    assert np.isfinite(error).mean() >= 0.95
-    assert np.nanmedian(error) <= 0.25
-    assert (error[np.isfinite(error)] <= 1).mean() >= 0.95
-    assert np.isfinite(found[found[:, 0] == 0, 1]).mean() <= 0.05
-
-
 @pytest.mark.parametrize("name", MARK_NAMES)
 def test_a_ball_before_a_large_thing_of_a_colour_like_its_own(name):
     greyish = 0.45 * np.array(COLOURS[name]) + 60
@@ -331,3 +301,82 @@ def test_a_ball_among_many_larger_things_of_its_colour_that_are_not_round():
     canvas.ball("object", (320.0, 300.0), 8.0, COLOURS["object"], rng)
     balls = BallFinder(Marks())(pixels(canvas))
     assert np.hypot(*(balls["object"].centre - (320, 300))) < 0.25
+
+
+def noisy(image, seed):
+    return image + np.random.default_rng(seed).integers(0, 2, image.shape, np.uint8)
+
+
+BALLS = StereoTracker, plain(HERE), plain(HERE)
+GRIPPER = partial(GraspTracker, layout=LAYOUT), gripper_drawn(**LEFT), gripper_drawn(**RIGHT)
+TAGS = TagTracker, *(random_frame(np.random.default_rng([4, i]), background)[0] for i in range(2))
+
+
+@pytest.fixture(params=[BALLS, GRIPPER, TAGS], ids=["balls", "gripper", "tags"])
+def case(request):
+    tracker, *scenes = request.param
+    return tracker(), *scenes
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_a_frozen_camera_sees_nothing_until_its_image_is_another_and_warns_once(case, camera):
+    tracker, *scenes = case
+
+    def look(seed, moved):
+        images = [noisy(scene, seed + i) for i, scene in enumerate(scenes)]
+        images[camera] = old
+        points, seen = tracker(*images, moved=moved)
+        return points, seen.reshape(-1, 2).T
+
+    for freeze in (0, 100):  # it lives again in between
+        old = noisy(scenes[camera], freeze)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            _, seen = look(freeze + 10, moved=True)
+            before, seen_again = look(freeze + 20, moved=False)
+        assert seen.all()
+        assert seen_again.all()
+        with pytest.warns(UserWarning, match=f"the {('left', 'right')[camera]} camera has frozen"):
+            points, seen = look(freeze + 30, moved=True)
+        assert not seen[camera].any()
+        assert seen[1 - camera].all()
+        np.testing.assert_array_equal(points[camera::2], before[camera::2])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert tracker.copy()(*scenes, moved=True)[1].all(), "a copy goes on by itself"
+            tracker.reset()
+            for moved in (True, False):
+                assert not look(freeze + 40, moved)[1][camera].any()
+
+
+def test_a_camera_that_writes_into_the_same_array_has_not_frozen(case):
+    tracker, left, right = case
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for seed in range(3):
+            left[:] = noisy(left, seed)
+            assert tracker(left, noisy(right, seed), moved=True)[1].all()
+
+
+def test_simulated_images_without_noise_may_be_the_same(opengl):
+    env = begun(kinematic(world="nominal", observation="vision"))
+    env.unwrapped.set_world(replace(env.unwrapped.world, image_noise=np.zeros(2)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(3):
+            observation, *_ = env.step(np.array([1, 0, 0], np.float32))
+            assert observation["observation"][:2].all()
+    env.close()
+
+
+def test_balls_before_a_photograph_of_much_blue_and_red():
+    """A portrait that comes with matplotlib: a navy coat, and a flag."""
+    with matplotlib.cbook.get_sample_data("grace_hopper.jpg") as file:
+        photograph = np.array(PIL.Image.open(file).convert("RGB"))
+    found, _ = compared(drawn(4, 60, hide=0.3, behind=cut_out(photograph)))
+    error = found[found[:, 0] > 0.95, 1]
+    assert len(error) > 100
+    assert np.isfinite(error).mean() >= 0.95
+    assert np.nanmedian(error) <= 0.25
+    assert (error[np.isfinite(error)] <= 1).mean() >= 0.95
+    assert np.isfinite(found[found[:, 0] == 0, 1]).mean() <= 0.05

@@ -38,7 +38,6 @@ def surface(size):
 
 
 def write_files(folder):
-    """Folders that all have files of the same names, no two of the same contents."""
     makers = {"p.stl": mesh, "p.bin": field, "p.skn": skin, "p.obj": surface}
     for number, each in enumerate(FOLDERS):
         (folder / each).mkdir(exist_ok=True)
@@ -50,7 +49,6 @@ def write_files(folder):
 
 
 def model(path, assets, body=GEOM, compiler="", more=""):
-    """Writes a model with one body, b."""
     path.parent.mkdir(exist_ok=True)
     text = f'<mujoco><compiler {compiler}/><asset>{assets}</asset><worldbody><body name="b">{body}</body>'
     path.write_text(text + f"</worldbody>{more}</mujoco>")
@@ -58,7 +56,6 @@ def model(path, assets, body=GEOM, compiler="", more=""):
 
 
 def with_hand(folder, hand, compiler="", assets="", body="", prefix="h/"):
-    """Writes the arm that the hand is attached to."""
     assets += f'<model name="hand" file="{hand}"/>'
     return model(
         folder / "arm/arm.xml", assets, f'{body}<attach model="hand" body="b" prefix="{prefix}"/>', compiler
@@ -66,7 +63,6 @@ def with_hand(folder, hand, compiler="", assets="", body="", prefix="h/"):
 
 
 def arm_of(assets, body=GEOM, compiler=""):
-    """A layout of one file, in which `{}` stands for the folder."""
     return lambda folder: model(folder / "arm/arm.xml", assets.format(folder), body, compiler)
 
 

@@ -51,7 +51,6 @@ ALL_KINDS = """
 
 
 def all_kinds(**arguments):
-    """A free body and two balls carry it; one hinge on the way is no motor; two joints move one body."""
     return Arm(
         model=ALL_KINDS, gripper="tip", motors=["lift", "tilt", "turn", "wrist"], home="about", **arguments
     )
@@ -95,7 +94,6 @@ def check(robot, model_of, tolerance):
 
 
 def free_bodies(robot):
-    """Bodies that lie about: no chain leads to them."""
     model = robot.model
     return {model.body(b).name for b in range(model.nbody) if model.body_mocapid[b] >= 0}
 

@@ -18,14 +18,12 @@ from tests.calfree_gym.robot.arms.test_arm import CHAIN
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """The folder with all files, in which we are."""
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def of_mujoco(source):
-    """What MuJoCo makes of the same source, with nothing dropped."""
     if isinstance(source, mujoco.MjSpec):
         spec = source.copy()
     elif str(source).startswith("<"):
@@ -73,16 +71,6 @@ def test_the_digest_is_of_the_files_wherever_they_are(layout, files, monkeypatch
         file.write_bytes(file.read_bytes()[:-1] + b"\1")  # a byte that no mesh is made of
         assert digest(source) != here
         here = digest(source)
-
-
-def test_files_of_the_same_name_do_not_stand_for_each_other(files):
-    assets = MESH.replace("p.stl", "m/p.stl") + '<mesh name="q" file="t/p.stl"/>'
-    source = model(files / "arm/arm.xml", assets)
-    before = digest(source)
-    (files / "arm/m/p.stl").rename(files / "kept")
-    (files / "arm/t/p.stl").rename(files / "arm/m/p.stl")
-    (files / "kept").rename(files / "arm/t/p.stl")
-    assert digest(source) != before
 
 
 def test_an_arm_with_a_hand_of_another_file(files):
@@ -134,27 +122,23 @@ def test_a_missing_file_and_what_it_is_for_are_named(assets, found, files):
         read(arm)
 
 
+NO_MODEL = r"arm.xml is no MJCF that MuJoCo can read: [^']*'.*no.xml'\nElement '"
+
+
 @pytest.mark.parametrize(
-    ("assets", "named"),
+    ("hand", "assets", "message"),
     [
-        ('<mesh name="p" file="no.stl"/>', r"m/no.stl, seen from .* it \(mesh 'h/p'\)$"),
-        ('<texture name="p" type="2d" file="no.png"/>', r"no.png, seen from .* it \(texture 'h/p'\)$"),
+        (True, '<mesh name="p" file="no.stl"/>', r" at m/no.stl, seen from .* it \(mesh 'h/p'\)$"),
+        (True, '<texture name="p" type="2d" file="no.png"/>', r" at no.png, .* it \(texture 'h/p'\)$"),
+        (False, '<model name="hand" file="no.xml"/>', NO_MODEL),
+        (False, '</asset><include file="no.xml"/><asset>', NO_MODEL),
     ],
 )
-def test_a_missing_file_of_an_attached_model_is_named(assets, named, files):
-    model(files / "hand/hand.xml", assets, '<geom size="1"/>', 'meshdir="m"')
-    with pytest.raises(ValueError, match=r"arm.xml names no\.\w*, which cannot be read at " + named):
-        read(with_hand(files, "../hand/hand.xml"))
-
-
-@pytest.mark.parametrize(
-    "what", ['<model name="hand" file="no.xml"/>', '</asset><include file="no.xml"/><asset>']
-)
-def test_a_missing_model_is_named(what, files):
-    with pytest.raises(
-        ValueError, match=r"arm.xml is no MJCF that MuJoCo can read: [^']*'.*no.xml'\nElement '"
-    ):
-        read(model(files / "arm/arm.xml", what, '<geom size="1"/>'))
+def test_missing_models_and_files_of_attached_ones_are_named(hand, assets, message, files):
+    path = files / ("hand/hand.xml" if hand else "arm/arm.xml")
+    arm = model(path, assets, '<geom size="1"/>', 'meshdir="m"' if hand else "")
+    with pytest.raises(ValueError, match=message):
+        read(with_hand(files, "../hand/hand.xml") if hand else arm)
 
 
 @pytest.mark.parametrize("named", ["hand.xml", "../arm/&#97;rm.xml"])
