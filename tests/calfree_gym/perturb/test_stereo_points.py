@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from calfree_gym import StereoPoints
+from calfree_gym import Perturb, StereoPoints
 from calfree_gym.geometry import looking_at
 from calfree_gym.perturb import FixedCamera, Words
 from tests.calfree_gym.environments import begun
@@ -148,3 +148,17 @@ def test_bad_actions_and_words_are_refused():
     for bad in (np.zeros(2), np.full(3, np.nan)):
         with pytest.raises(ValueError, match="3 finite numbers"):
             env.step(bad)
+
+
+def test_a_knocked_camera_shows_points_elsewhere_until_it_is_undone():
+    knock = {"type": "camera_aim", "camera": "top", "degrees": 3}
+    schedule = [{"at": {"step": 2}, "do": knock}, {"at": {"step": 4}, "undo": 0}]
+    seen = []
+    for each in (TableTop(), Perturb(TableTop(), schedule, seed=0, images={"top": None})):
+        env = made(each)
+        first, _ = env.reset(seed=0)
+        seen.append([first["achieved_goal"], *(env.step(np.zeros(3))[0]["achieved_goal"] for _ in range(6))])
+    bare, knocked = np.array(seen).reshape(2, 7, 2, 2)
+    differs = (bare != knocked).any(-1)
+    assert differs[:, 0].tolist() == [False, False, False, True, True, False, False]
+    assert not differs[:, 1].any()

@@ -1,5 +1,7 @@
 """What an occluder hides, against MuJoCo's rays and against what the environment sees."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -136,3 +138,17 @@ def test_it_stands_in_the_images_of_a_grasp_too():
     changed = (env.reset(seed=0)[0]["pixels"] != before)[..., :3].any(-1)
     assert changed.mean() > 0.02
     env.close()
+
+
+def test_rays_see_occluders_of_any_size_anywhere(robot):
+    rng, rays, hit = np.random.default_rng(0), Rays(robot), 0
+    for _ in range(20):
+        x, y, z, radius, half = rng.uniform([-0.3, -0.3, 0, 0.01, 0.02], [0.5, 0.5, 0.5, 0.2, 0.6])
+        world = replace(nominal(robot), occluder=np.array([x, y, z, radius, half]))
+        camera, points = rng.uniform([-1, -1, -0.5], [1, 1, 1.5]), rng.uniform(-0.5, 0.5, (100, 3))
+        ways = camera + np.linspace(0, 1, 2001)[:, None, None] * (points - camera)
+        level = np.hypot(ways[..., 0] - x, ways[..., 1] - y)
+        inside = ((level <= radius) & (np.abs(ways[..., 2] - z) <= half)).any(0)
+        hit += inside.sum()
+        assert (rays.stopped(world, camera, points) != inside).sum() <= 1  # one may graze
+    assert hit > 100

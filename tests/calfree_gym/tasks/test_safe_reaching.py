@@ -215,3 +215,20 @@ def test_a_drift_turns_back_before_no_trial_can_begin(task, joint, degrees):
     env = make(task, world="nominal", perturbations=[{"drift": {"per": "trial"}, "do": do}])
     zeros = [env.unwrapped.world.joint_zeros.sum() for _ in trials(env, 25)]
     assert len(set(np.sign(np.diff(zeros)))) == 2
+
+
+def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
+    arm = ARMS["hobby"]
+    env = make("SafeReach", arm=arm, camera_mount="stand", world="nominal")
+    room = env.unwrapped.arms.simulation.picture()[0]
+    spec = mujoco.MjSpec.from_file(str(arm["model"]))
+    wall, turn = room.geom("calfree room front wall"), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, wall.quat)
+    other = spec.worldbody.add_body(pos=wall.pos + (wall.size[0] + 0.04) * turn[::3])
+    other.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE)
+    other.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0], mass=0.1)
+    (tmp_path / "two.xml").write_text(spec.to_xml())
+    env = make("SafeReach", arm={**arm, "model": tmp_path / "two.xml"}, camera_mount="stand", world="nominal")
+    env.reset(seed=0)
+    *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
+    assert info["contacts"] == 0

@@ -1,6 +1,7 @@
 """Printed tags, on drawn frames and on the page that is printed, against geometry of our own."""
 
 import re
+from pathlib import Path
 
 import cv2
 import matplotlib.cbook
@@ -22,6 +23,19 @@ from tests.calfree_gym.vision.printed_tags import (
     random_frame,
     random_pose,
 )
+
+DEBIAN = Path("/usr/share/doc/opencv-doc/examples")
+"""Of Debian's package opencv-doc."""
+PHOTOGRAPHS = (
+    *("aero1.jpg", "aero3.jpg", "aloeL.jpg", "aloeR.jpg", "apple.jpg", "baboon.jpg", "basketball1.png"),
+    *("basketball2.png", "blox.jpg", "board.jpg", "box.png", "box_in_scene.png", "building.jpg"),
+    *("butterfly.jpg", "chicky_512.png", "ela_modified.jpg", "ela_original.jpg", "fruits.jpg", "graf1.png"),
+    *("graf3.png", "home.jpg", "left.jpg", "left01.jpg", "left05.jpg", "left13.jpg", "leuvenA.jpg"),
+    *("leuvenB.jpg", "licenseplate_motion.jpg", "messi5.jpg", "orange.jpg", "right.jpg", "right08.jpg"),
+    *("rubberwhale1.png", "rubberwhale2.png", "smarties.png", "squirrel_cls.jpg", "stuff.jpg"),
+    *("sudoku.png", "text_defocus.jpg", "text_motion.jpg"),
+)
+"""Of its folder data. They show no tag."""
 
 
 def pixels(points):
@@ -139,3 +153,21 @@ def test_another_paper_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"paper is 'A5'.*allowed: A4, Letter"):
         print_tags(tmp_path / "tags.pdf", "A5")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_tags_before_photographs_and_none_where_there_are_none():
+    if not DEBIAN.exists():
+        pytest.skip("needs Debian's package opencv-doc")
+    photographs = [cv2.imread(str(DEBIAN / "data" / name))[..., ::-1] for name in PHOTOGRAPHS]
+    assert_found(
+        errors(
+            random_frame(np.random.default_rng([1, i, j]), cut_out(photograph))
+            for i, photograph in enumerate(photographs)
+            for j in range(3)
+        )
+    )
+    for path in DEBIAN.rglob("*.*"):  # drawings too
+        image = cv2.imread(str(path)) if path.suffix in (".jpg", ".png") else None
+        if image is not None:
+            assert not TagTracker()(image[..., ::-1], image[..., ::-1])[1].any(), path

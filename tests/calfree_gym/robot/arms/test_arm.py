@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import Arm
+from calfree_gym.robot.arms.arm import robot_of
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS, MOTORS
 from tests.calfree_gym.environments import kinematic, make
@@ -168,3 +169,20 @@ def test_home_is_at_a_stop_where_a_worlds_zero_error_would_put_it_beyond():
         np.testing.assert_array_equal(info["truth"]["joints"], home)
         assert not observation["observation"][4:].any()
         assert home[1] >= 0
+
+
+def test_home_of_an_arm_that_moves_in_a_plane_is_not_told_by_rounding(tmp_path, monkeypatch):
+    """What its motors move across that plane is nothing, in any posture."""
+    (tmp_path / "flat.xml").write_text(CHAIN.replace('axis="0 0 1"', 'axis="0 1 0"'))
+    robot, svd = robot_of(Arm(tmp_path / "flat.xml", gripper="tip")), np.linalg.svd
+    homes = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+
+        def another(matrices, rng=rng, **options):
+            lengths = svd(matrices, **options)
+            return np.abs(lengths + 1e-15 * lengths.max() * rng.normal(size=lengths.shape))
+
+        monkeypatch.setattr(np.linalg, "svd", another)
+        homes.append(robot._best_posture())
+    assert np.ptp(homes, axis=0).max() == 0
