@@ -25,6 +25,9 @@ LONG_COMMANDS = ("run", "film", "tune", "benchmark", "results-tables")
 """Of `python -m experiments`: these are parsed, and their suite is checked; others are carried out."""
 
 
+FOLDERS = ("calfree_gym", "agents", "experiments", "examples", "docs")
+
+
 def of(language):
     """The pages that have such blocks."""
     return [page for page, blocks in BLOCKS.items() if any(kind == language for kind, _ in blocks)]
@@ -91,15 +94,7 @@ def copy(tmp_path):
     folder = tmp_path / "repository"
     for name in ("configs", "arms", ".venv/bin"):
         (folder / name).mkdir(parents=True)
-    for name in (
-        "calfree_gym",
-        "agents",
-        "experiments",
-        "examples",
-        "docs",
-        "pyproject.toml",
-        "constraints.txt",
-    ):
+    for name in (*FOLDERS, "pyproject.toml", "constraints.txt"):
         (folder / name).symlink_to(ROOT / name)
     (folder / "Makefile").write_text((ROOT / "Makefile").read_text())
     for path in (ROOT / "configs").iterdir():

@@ -83,8 +83,7 @@ def test_advantages_are_the_returns_of_each_trial(monkeypatch):
     ppo = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(ppo)
     monkeypatch.setattr(ppo, "GAE_LAMBDA", 1.0)
-    rng = np.random.default_rng(0)
-    steps, envs = 40, 6
+    rng, steps, envs = np.random.default_rng(0), 40, 6
     values, rewards = rng.normal(size=(steps + 1, envs)), rng.normal(size=(steps, envs))
     over = rng.random((steps, envs)) < 0.2
     over[1:] &= ~over[:-1]  # the step after a trial's end resets, and ends none

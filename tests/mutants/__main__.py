@@ -87,13 +87,13 @@ def _verdict(mutant: Mutant, copy: Path) -> str:
     path = copy / mutant.file
     original = path.read_text(encoding="utf-8")
     try:
-        _write(path, mutant.applied(original))
+        path.write_text(mutant.applied(original), encoding="utf-8")
     except ValueError:
         return "does not apply"
     try:
         code = _pytest(copy, ["-x", *mutant.tests], quiet=True, seconds=SECONDS)
     finally:
-        _write(path, original)
+        path.write_text(original, encoding="utf-8")
     if code is None:
         return "took too long"
     if code in (FAILED, BROKEN):
@@ -101,21 +101,13 @@ def _verdict(mutant: Mutant, copy: Path) -> str:
     return SURVIVED if code == 0 else f"pytest exits with {code}"
 
 
-def _write(path: Path, text: str) -> None:
-    """Writes a module, and forgets its bytecode: by size and second two edits may look the same."""
-    path.write_text(text, encoding="utf-8")
-    for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
-        compiled.unlink()
-
-
 def _pytest(copy: Path, arguments: Sequence[str], quiet: bool, seconds: float) -> int | None:
     """What pytest exits with in a copy; None where it takes too long."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
     output = subprocess.DEVNULL if quiet else None
     process = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
         cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy)},
+        env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},  # edits come in a second
         stdout=output,
         stderr=output,
         start_new_session=True,
