@@ -31,7 +31,6 @@ def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
 
 @pytest.mark.parametrize("name", ["unified_servo", pytest.param("memory", marks=pytest.mark.slow)])
 def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env, name):
-    """What lasts, such as how noisy points are, must not be learned from the change."""
     replaced = [{"type": "camera_replace", "camera": camera} for camera in ("left", "right")]
     env = make_env(perturbations=[{"every": {"trial": 1}, "do": each} for each in replaced])
     lengths = live(name, env, 0, motions=300)[1][:-1]
@@ -40,10 +39,6 @@ def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env,
 
 
 def test_late_observations_teach_nothing_false(lengths_of):
-    """One that comes one motion late shows the gripper where it was: as a pair it would be wrong.
-
-    It shows the rendezvous one motion late, too: no trial can end with the first motion.
-    """
     lengths = lengths_of({"type": "latency", "motions": 1})
     assert max(lengths) < 60
     assert np.mean(lengths[-20:]) < 1 + 1.8
@@ -79,10 +74,6 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
         assert len(fresh.adaptation.known.gripper) == 0
     with pytest.raises(ValueError, match=r"on_change=recognise.*on_change=keep"):
         agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
-
-
-def test_the_first_trial_is_the_bare_servos(lengths_of):
-    assert lengths_of(None, 30)[0] == lengths_of(None, 30, "unified_servo")[0]
 
 
 class Notes:
@@ -126,10 +117,6 @@ def taught_by_successes(env):
 
 
 def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(noise_free, mount):
-    """The trial ends somewhere within tolerance; by its Jacobian the servo knows what was left to go.
-
-    One that ended with its first motion has told nothing of it, and teaches where it ended.
-    """
     taught = [each for seed in range(4) for each in taught_by_successes(noise_free(mount, seed))]
     corrected, ended = np.array(taught).T
     assert len(taught) > 20
@@ -139,7 +126,6 @@ def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(noise
 
 
 def test_a_success_is_remembered_at_the_true_rendezvous(noise_free, mount):
-    """By the true Jacobian c* = c - J⁺ d meets what Newton's method finds in the true world."""
     env = noise_free(mount, 5, terminate_on_success=False)
     env.reset()
     agent = agents.make("factored_table", env)
@@ -153,7 +139,6 @@ def test_a_success_is_remembered_at_the_true_rendezvous(noise_free, mount):
 
 
 def test_what_ended_late_is_remembered_where_it_ended(make_env):
-    """Points further apart than any tolerance came late: they do not belong to the last registers."""
     agent = agents.make("factored_table", make_env())
     jacobian = np.random.default_rng(0).normal(size=(8, 3))
     points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
@@ -162,7 +147,6 @@ def test_what_ended_late_is_remembered_where_it_ended(make_env):
 
 
 def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):
-    """Nothing, where nothing is known; later, how far off its first motions do end up."""
     env = make_env()
     empty = agents.make("memory", env)
     observation, _ = env.reset(seed=4)

@@ -46,15 +46,10 @@ class Motors:
         return np.array(errors)
 
 
-@settings(max_examples=30)
-@given(st.integers(0, 1000))
-def test_exact_registers_are_taken_as_they_are(seed):
-    assert np.abs(Motors(seed).wander(20)).max() < 1e-5
-
-
 @pytest.mark.parametrize(
     ("errors", "most"),
     [
+        ({}, 1e-6),
         ({"noise": 1e-3}, 0.5e-3),
         ({"noise": 5e-3}, 2.5e-3),
         ({"step": 0.01}, 0.01 / np.sqrt(12)),  # the error of what is rounded
@@ -100,11 +95,9 @@ def test_words_smaller_than_a_step_are_counted_though_registers_do_not_show_them
     st.booleans(),
 )
 def test_a_step_is_what_all_registers_are_multiples_of(step, multiples, stepped):
-    steps = (
-        np.array(multiples) if stepped else np.array(multiples) * np.sqrt(np.arange(1, len(multiples) + 1))
-    )
+    unlike = 1 if stepped else np.sqrt(np.arange(1, len(multiples) + 1))
     encoders = Encoders()
-    encoders.read((step * steps).astype(np.float32).astype(float))
+    encoders.read((step * np.array(multiples) * unlike).astype(np.float32).astype(float))
     common = np.gcd.reduce(multiples) * step
     if not stepped:
         assert encoders.step < step / 2
@@ -118,12 +111,9 @@ def test_a_saved_agent_knows_its_encoders(tmp_path):
     agent = agents.make("paper_servo", env).learn(60)
     agent.save(tmp_path / "agent")
     fresh, loaded = agents.make("paper_servo", env), agents.make("paper_servo", env).load(tmp_path / "agent")
-    saved, alike, other = (
-        np.array([words for words, *_ in islice(motions_of(each, env, seed=5), 15)])
-        for each in (agent, loaded, fresh)
-    )
-    np.testing.assert_array_equal(alike, saved)
-    assert not np.array_equal(other, saved)
+    three = (islice(motions_of(each, env, seed=5), 15) for each in (agent, loaded, fresh))
+    saved, alike, other = ([words.tolist() for words, *_ in made] for made in three)
+    assert alike == saved != other
 
 
 def test_words_make_up_for_what_motors_usually_fall_short():

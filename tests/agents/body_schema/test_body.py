@@ -8,7 +8,7 @@ from agents.base.registers import Stops
 from agents.body_schema.body import NOTHING, Body, BodyChange, likely_mounts
 from agents.body_schema.body_schema import MeetingSeeker
 from agents.body_schema.chain import PLACE, TURN, Views
-from agents.body_schema.fitting import Gaussian, reversing, rolled
+from agents.body_schema.fitting import Gaussian, rolled
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.body_schema.chains import Arm
 
@@ -45,21 +45,10 @@ def test_what_explains_is_what_has_changed(what):
     assert BodyChange(known, BOTH, since).explanation.kind == what
 
 
-def test_a_reversed_motor_does_for_a_register_what_it_did_for_its_negative():
-    arm = Arm("redundant.xml", "tool")
-    arm.numbers[arm.chain.joint(3)][6:] = 0.1, -0.2, 0.3
-    registers = np.random.default_rng(0).uniform(-0.4, 0.4, (10, arm.chain.motors))
-    mirrored = registers * np.where(np.arange(arm.chain.motors) == 3, -1, 1)
-    nothing = np.zeros((1, 4))
-    now = Views(arm.chain, reversing(arm.chain, 3) * arm.numbers, registers, nothing)
-    np.testing.assert_allclose(now.points, Views(arm.chain, arm.numbers, mirrored, nothing).points)
-
-
 @pytest.mark.parametrize(
     ("trials", "looks"), [(1, 8), pytest.param(4, Body.LOOKS // 3, marks=pytest.mark.slow)]
 )
 def test_a_body_goes_on_with_what_has_not_changed(trials, looks):
-    """It knows the arm as before, and explains the next trial, also after more looks than a fit takes."""
     arm = Arm("scara.xml", "tip")
     body, numbers = Body(arm.chain.motors), changed(arm, "left camera")
     body.learn(arm.pairs(trials=20, seed=1))
@@ -97,16 +86,6 @@ def test_mujoco_has_the_gripper_at_the_object_there(seed):
     assert np.linalg.norm(arm.gripper(meeting.registers) - place) < 0.02
 
 
-def test_motors_stay_between_their_stops():
-    arm = Arm("redundant.xml", "tool")
-    stops = Stops(np.zeros(arm.chain.motors))
-    stops.found[:, 1] = -0.05, 0.05
-    found, place = seeker(arm, np.r_[0.1, 0.1, -0.1, 0.2, 0.1, 0.1, 0.0], stops)
-    registers = found.seek().registers
-    assert abs(registers[1]) <= 0.05
-    assert np.linalg.norm(arm.gripper(registers) - place) < 0.02
-
-
 def test_the_jacobian_is_that_of_the_points():
     arm = Arm("scara.xml", "tip")
     registers = np.r_[0.2, -0.3, 0.1, 0.0][: arm.chain.motors]
@@ -123,7 +102,6 @@ def test_the_jacobian_is_that_of_the_points():
 
 @pytest.mark.parametrize(("file", "site", "mount"), [("scara.xml", "tip", 0), ("redundant.xml", "tool", 2)])
 def test_a_body_is_found_from_nothing(file, site, mount):
-    """From 160 looks, where it was never seen: to less than the noise."""
     arm = Arm(file, site, mount)
     body = Body(arm.chain.motors, seed=1)
     body.learn(arm.pairs(trials=40, seed=4))
@@ -135,7 +113,6 @@ def test_a_body_is_found_from_nothing(file, site, mount):
 
 
 def test_what_it_expects_is_as_far_off_as_it_says():
-    """Of 300 points, the errors by their standard deviations have a mean square of one."""
     arm = Arm("scara.xml", "tip")
     known = arm.known(arm.pairs(trials=12, seed=6))
     new = arm.pairs(trials=100, noise_px=0.0, seed=7)

@@ -48,7 +48,6 @@ def test_it_tells_which_camera_was_knocked_and_goes_on(make_env, live):
 
 
 def test_what_it_takes_its_body_for_lasts_in_a_file(make_env, live, tmp_path):
-    """A change that is still being explained, too."""
     moved = [{"at": {"trial": 6}, "do": {"type": "camera_replace", "camera": "left"}}]
     agent, _ = live("body_schema", make_env(perturbations=moved), seed=4, trials=8)
     agent.save(tmp_path / "body.npz")
@@ -57,13 +56,7 @@ def test_what_it_takes_its_body_for_lasts_in_a_file(make_env, live, tmp_path):
     assert_same_arrays(again, agent)
 
 
-def test_it_goes_over_any_servo():
-    env = gym.make("CalFree/Reach-v0")
-    assert "PaperServo" in agents.make("body_schema", env, servo="paper_servo").kind
-
-
 def test_a_way_longer_than_one_word_is_no_stop(make_env):
-    """From one end of a register to the other are two words; the first ends halfway, at no motor's stop."""
     arm, env = Arm("scara.xml", "tip"), make_env("stand", **arm_file("scara.xml", "tip"))
     agent = agents.make("body_schema", env)
     agent.body.known = arm.exact
@@ -88,7 +81,6 @@ def test_a_way_longer_than_one_word_is_no_stop(make_env):
 
 @pytest.mark.slow
 def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
-    """Image points near a camera's plane are so far away that rounding takes the damping."""
     pusher = Path(gym.__path__[0]) / "envs/mujoco/assets/pusher.xml"
     env = make_env(arm={"model": str(pusher), "gripper": "tips_arm"})
     env.reset(seed=0)
@@ -98,12 +90,10 @@ def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
 
 
 def test_a_motor_that_another_one_stopped_is_free_again_in_the_next_trial():
-    """A belt couples elbow and shoulder: the elbow's joint ends where its motor has been before."""
     motions = priors.motions("body_schema", 5000, 4, priors.ALTERATIONS[PriorKnowledge.ARM])
     assert motions[1:].max() <= 8
 
 
 def test_where_the_chain_is_wrong_the_servo_finds_out_by_itself_where_motors_stop():
-    """The same belt: the elbow has to go where the shoulder's posture stopped it before."""
     motions = priors.motions("body_schema", 5022, 3, priors.ALTERATIONS[PriorKnowledge.ARM])
     assert motions[2] <= 20

@@ -16,7 +16,6 @@ TURNS = st.tuples(*3 * [st.floats(-1.7, 1.7)]).map(np.array)
 
 @pytest.mark.parametrize(("file", "site"), ARMS)
 def test_a_chain_of_an_arms_axes_shows_the_gripper_where_mujoco_has_it(file, site):
-    """Seven hinges, and hinges with a slide."""
     arm = Arm(file, site)
     registers = np.random.default_rng(0).uniform(-0.7, 0.7, (20, arm.chain.motors))
     seen = Views(arm.chain, arm.numbers, registers, np.zeros((20, 4))).points[:, :2]
@@ -26,7 +25,6 @@ def test_a_chain_of_an_arms_axes_shows_the_gripper_where_mujoco_has_it(file, sit
 
 @pytest.mark.parametrize("mount", [1, 3])
 def test_a_camera_that_joints_move_sees_the_room_move_the_other_way(mount):
-    """The camera's frame is moved as MuJoCo would move a gripper that is fixed behind these joints."""
     arm = Arm("redundant.xml", "tool", mount)
     registers = np.random.default_rng(1).uniform(-0.4, 0.4, arm.chain.motors)
     at_home = np.zeros(arm.chain.motors)

@@ -44,7 +44,6 @@ class AffineWorld:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_four_positions_determine_all_of_an_affine_world(seed):
-    """Twelve parameters map displacements; the offsets are those of the first position."""
     rng = np.random.default_rng(seed)
     matrix, arm, offset = rng.standard_normal((8, 3)), rng.standard_normal((3, 3)), rng.standard_normal(8)
     positions = rng.standard_normal((4, 3))
@@ -81,7 +80,6 @@ def test_it_uses_four_positions_and_none_after_them(told):
 
 
 def test_a_position_at_which_a_point_is_missing_is_looked_at_again(told):
-    """And so the affine function is the same as where none was."""
     steps = []
     for missing in ((), (0, 3)):
         world, looks = AffineWorld(5), count()
@@ -94,16 +92,6 @@ def test_a_position_at_which_a_point_is_missing_is_looked_at_again(told):
         words, _ = carry_out(AffineStereo(told()).procedure(look(), None), look, 6 + len(missing))
         steps.append(words[words.any(1)])
     np.testing.assert_allclose(*steps, atol=1e-6)
-
-
-def test_linear_errors_of_the_arm_are_corrected_by_the_known_positions():
-    """The same steps, whatever linear map stands between the nominal arm and the true one."""
-    rng, way = np.random.default_rng(0), np.array([0.02, -0.01, 0.03])
-    matrix, positions = rng.standard_normal((8, 3)), rng.standard_normal((4, 3))
-    arm = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
-    affine = Affine.through(positions, positions @ matrix.T, positions @ arm.T)
-    step = affine.step((matrix[:4] - matrix[4:]) @ way, 0.5)
-    np.testing.assert_allclose(np.linalg.solve(arm, step), -0.5 * way)
 
 
 def test_the_nominal_robot_reaches(told, mount):

@@ -63,16 +63,6 @@ def test_derivatives_are_those_of_finite_differences(mount):
         np.testing.assert_allclose(derivatives[..., column], difference, rtol=1e-4, atol=1e-4)
 
 
-def test_what_is_predicted_is_what_the_model_sees(mount):
-    rng = np.random.default_rng(2)
-    measured, _ = measurements_of(calfree_gym.nominal(), mount, rng)
-    signs, x = np.array([[1.0, -1.0, 1.0]]), anywhere(rng, 1, measured.trials)
-    predicted = Prediction(measured, built(mount), signs, x).points
-    model = prediction.model_of(built(mount), signs[0], x[0, : prediction.COUNT])
-    objects = x[0, prediction.COUNT :].reshape(-1, 3)[measured.trial]
-    np.testing.assert_allclose(predicted[0], model.points(measured.registers, objects))
-
-
 def curve(x):
     """Two image points that hang on three parameters, from each of several starts."""
     a, b, c = x.T
@@ -99,7 +89,6 @@ def test_least_squares_are_scipy_s_within_bounds_and_without(bound):
 
 
 def test_outlying_points_count_little():
-    """The mean of image points one of which is far off."""
     points = np.array([[0.0, 0.1], [0.1, 0.0], [-0.1, -0.1], [50.0, -80.0]])
 
     def residuals(x):
@@ -114,7 +103,6 @@ def test_outlying_points_count_little():
 
 @pytest.mark.parametrize("seed", [3001, 3005, 3008])
 def test_a_mistaken_point_spoils_nothing(mount, seed):
-    """What is identified predicts the others as well as if it had not been there."""
     world, rng = calfree_gym.WorldDistribution("wild").sample(seed), np.random.default_rng(seed)
     measured, _ = measurements_of(world, mount, rng, noise_px=0.5)
     points = measured.points.copy()
@@ -123,18 +111,6 @@ def test_a_mistaken_point_spoils_nothing(mount, seed):
     assert np.abs(residuals_px[3, 1]).max() > 30
     residuals_px[3, 1] = 0
     assert np.sqrt(np.mean(residuals_px**2)) < 0.7
-
-
-def test_points_not_seen_are_not_fitted(mount):
-    world, rng = calfree_gym.WorldDistribution("wild").sample(3003), np.random.default_rng(3)
-    measured, _ = measurements_of(world, mount, rng)
-    seen, points = measured.seen.copy(), measured.points.copy()
-    seen[[2, 9], 0] = seen[5, 3] = False
-    points[~seen] = 0.9
-    found = identify(replace(measured, points=points, seen=seen), built(mount))
-    np.testing.assert_array_equal(found.signs, world.motor_sign)
-    assert np.abs(found.residuals_px).max() < 0.6
-    assert not found.residuals_px[~seen].any()
 
 
 def test_a_camera_that_saw_but_one_place_is_taken_as_built_at_first_and_spoils_nothing(mount):

@@ -32,14 +32,6 @@ def test_one_arc_is_planned_where_one_leads_to_the_dock(robot, model):
     np.testing.assert_allclose(planned(robot, model).words, [words], atol=0.03)
 
 
-def test_the_last_arc_is_short_as_wheels_slip(robot, model):
-    robot.pose = np.zeros(3)
-    words = np.linalg.lstsq(robot.wheels, [0.5, 0.0, 0.2], rcond=None)[0]
-    robot.drive(-words)
-    *_, last = planned(robot, model).words
-    assert np.abs(last).max() < 0.2 * np.abs(words).max()
-
-
 def test_several_arcs_lead_aside_as_far_as_the_plan_says(robot, model):
     robot.pose = np.array([-0.9, 0.08, 0.0])
     plan = planned(robot, model)

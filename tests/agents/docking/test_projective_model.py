@@ -47,15 +47,6 @@ def test_it_learns_curved_motors_nearly_as_well_though_of_another_form():
     assert worst_px(model, motions(robot, 30)) < 12
 
 
-def test_mistaken_points_hardly_matter():
-    robot = Robot(3, bend=0.0)
-    model = taught(robot)
-    model.motions[3].after[0] += 0.5
-    model.motions[9].after[2] -= 0.5
-    model.fit(20)
-    assert worst_px(model, motions(robot, 20)) < 6.0
-
-
 def test_the_homography_of_its_own_marks_carries_it_over_a_turn_of_the_camera():
     robot = Robot(4, bend=0.0)
     model, before = taught(robot), robot.seen(np.zeros(3))[0]
@@ -84,15 +75,6 @@ def test_hidden_marks_move_with_those_that_are_seen(hidden):
         wrong.append(np.abs(expected - each.after)[~visible].max() / IMAGE_UNIT)
         off_px.append(np.abs(here - each.after)[~visible].max() / IMAGE_UNIT)
     assert np.median(off_px) < 1.5 < 5 < np.median(wrong)
-
-
-def test_a_homography_is_found_whatever_its_sign():
-    rng = np.random.default_rng(5)
-    g = np.eye(3) + rng.normal(0, 0.2, (3, 3))
-    points = rng.uniform(-1, 1, (5, 2))
-    columns = np.column_stack([points, np.ones(5)]) @ g.T
-    found = homography(points, columns[:, :2] / columns[:, 2:])
-    np.testing.assert_allclose(found, g / np.cbrt(np.linalg.det(g)), atol=1e-9)
 
 
 def test_a_mark_that_comes_behind_the_camera_is_not_predicted_in_the_image():

@@ -39,7 +39,6 @@ def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
 
 
 def test_it_grasps_where_registers_go_on_beyond_1():
-    """Words move half as far: registers end at ±2, and nobody says so."""
     drawn, successes = gym.make(GRASP), []
     for seed in (40_000, 40_007, 40_009, 40_015):
         drawn.reset(seed=seed)
@@ -66,7 +65,6 @@ def test_it_grasps_what_it_sees(opengl):
     st.lists(st.lists(st.floats(-0.06, 0.06), min_size=3, max_size=3), min_size=20, max_size=20),
 )
 def test_rates_of_turning_are_told_though_the_arm_turns_the_jaws_too(rates, size, sign, ways):
-    """Angles are known up to half turns; the words of the turning motor grow as far as that allows."""
     true = np.array([*rates[:3], sign * size])
     known, angle = Turning.unknown(ARM).seen(0.3), 0.3
     for place, way in enumerate(ways):
@@ -94,14 +92,6 @@ def test_a_reversed_motor_is_noticed():
     assert known.rates[-1] == pytest.approx(-3.0, rel=0.15)
 
 
-def test_an_angle_that_is_seen_wrongly_once_turns_nothing():
-    known = Turning.unknown(ARM).seen(0.2)
-    for word in (0.15, -0.15, 0.1):
-        known = known.moved(np.array([0, 0, 0, word])).seen(0.2 - 3.0 * word)
-        known = known.moved(np.array([0, 0, 0, -word])).seen(0.2)
-    assert known.seen(known.angle + 1.2).angle == known.angle
-
-
 def test_with_memory_it_grasps_ever_faster_and_no_less_surely(mount):
     recorder = LifetimeRecorder(gym.make(GRASP, camera_mount=mount), seed=502)
     records = learn_trials(agents.make("grasp", recorder), recorder, 30)
@@ -119,12 +109,6 @@ def test_after_a_camera_is_turned_it_soon_grasps_as_fast_again():
     assert np.median(motions[25:]) <= np.median(motions[10:20]) + 1
 
 
-def test_any_servo_approaches():
-    env = gym.make(GRASP, shape="cylinder", camera_mount="stand")
-    agent = agents.make("grasp", env, servo="jacobian_servo", knowledge=None)
-    assert sum(record.rendezvous for record in evaluate(agent, env, trials=3, seed=730)) >= 1
-
-
 def over_an_object(shape, *pose):
     """A nominal environment whose gripper stands over an object, where (1, 3) that is, and what is seen."""
     env = gym.make(GRASP, shape=shape, camera_mount="stand", world="nominal").unwrapped
@@ -138,7 +122,6 @@ def over_an_object(shape, *pose):
 
 
 def test_the_intermediate_position_is_one_gripper_length_before_the_object():
-    """Where the gripper stands over the object, its place in both images is that of a true point."""
     env, at, _ = over_an_object("box", 0.4, 0.0)
     env.set_world(replace(env.world, point_noise=0.0))
     now = GraspObservation.of(env.step(np.zeros(5, np.float32))[0])
@@ -162,12 +145,6 @@ def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, an
     edges = np.pi / 2  # the jaws' edges lie across the arm, seen from above
     true = min(abs(edges - angle) % np.pi, np.pi - abs(edges - angle) % np.pi)
     assert abs(turn_needed(orientation, now)) == pytest.approx(true, abs=off)
-
-
-@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
-def test_what_is_round_needs_no_turn(shape):
-    env = gym.make(GRASP, shape=shape)
-    assert all(turn_needed("least_squares", looked(env, seed)) is None for seed in range(3))
 
 
 def test_what_is_observed_is_read_as_the_environment_writes_it():
@@ -227,20 +204,3 @@ def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
     agent = agents.make("grasp", env)
     monkeypatch.setattr(type(agent.reacher.servo), "__call__", lambda *_: (_ for _ in ()))
     assert len(list(islice(motions_of(agent, env, seed=0), 12))) == 12
-
-
-@pytest.mark.parametrize("name", ["grasp", "insert"])
-def test_made_with_its_default_settings_it_is_the_same_agent(name):
-    env = gym.make(GRASP if name == "grasp" else "calfree_gym:CalFree/Insert-v0", camera_mount="stand")
-    made = agents.make(name, env).reacher.servo
-    assert made == agents.make(name, env, **agents.default_settings(name)).reacher.servo
-    assert made.sure_px < np.inf
-    assert agents.make(name, env, sure_px=3.0).reacher.servo.sure_px == 3.0
-    assert "sure_px" not in agents.default_settings(name, servo="paper_servo")
-
-
-@pytest.mark.parametrize("knowledge", ["grid_table", "factored_table"])
-def test_its_settings_are_those_that_it_takes(knowledge):
-    env = gym.make(GRASP, shape="bar", camera_mount="stand")
-    settings = agents.default_settings("grasp", direction=True, knowledge=knowledge)
-    assert agents.make("grasp", env, **settings).table is not None

@@ -47,7 +47,6 @@ def test_the_centre_of_an_ellipse_is_found_by_a_part_of_it_and_else_there_is_the
 
 
 def test_turning_the_tool_shows_its_axis():
-    """Against the true image points of base and peg's end, which the agent's axis does not use."""
     env = gym.make(INSERT, camera_mount="stand")
     errors = []
     for seed in range(1300, 1308):

@@ -40,7 +40,6 @@ def gripper(directions, axis=(0.0, 0.0, 0.0)):
 
 @given(st.lists(NUMBER, min_size=12, max_size=12), st.lists(NUMBER, min_size=3, max_size=3))
 def test_ways_are_told_in_gripper_lengths(directions, way):
-    """By both images, whatever the cameras; by one, where the way lies across the gripper's axis."""
     directions, way = np.reshape(directions, (4, 3)), np.array(way)
     assume(np.linalg.cond(directions) < 30)
     now = gripper(directions)
@@ -67,7 +66,6 @@ def test_an_angle_needs_the_object_and_the_gripper_in_one_image():
 
 @given(st.floats(-np.pi / 2, np.pi / 2), st.floats(-0.5, 0.5))
 def test_the_mean_of_both_images_lies_between_them(angle, differ):
-    """Also across the edge, where one image tells nearly a quarter turn, and the other one back."""
     now = gripper(np.vstack([np.eye(3)[:2], np.eye(3)[:2]]))
     for image, seen in enumerate((angle + differ, angle - differ)):
         way = np.array([np.cos(seen), np.sin(seen)])
@@ -120,12 +118,6 @@ def test_jaws_that_hide_what_they_hold_turn_and_at_a_stop_the_other_way(turn, si
     assert sign * lifted(turn, visible=hidden)[ARM] > 0.1
 
 
-def test_what_is_where_it_is_to_be_and_was_hidden_on_the_way_is_shown_to_come_along():
-    goal = gripper(np.random.default_rng(0).normal(size=(4, 3))).at("object") + IMAGE_UNIT
-    np.testing.assert_allclose(lifted(goal=goal, held=False)[:ARM], [-0.1, -0.05, 0.025])
-    assert np.abs(lifted(goal=goal, held=True)[:ARM] - [-0.1, -0.05, 0.025]).max() > 0.01
-
-
 NOISE_PX = 0.5
 VARIANCE = (NOISE_PX * IMAGE_UNIT) ** 2
 
@@ -162,15 +154,6 @@ def test_what_lies_still_has_not_moved_and_what_was_pushed_has(seed, turns):
     target = known.points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), VARIANCE)
     there = look_at(np.random.default_rng(0), slopes, np.array([0.0, 0.03, 0.0]), by).points[OBJECT]
     assert target.at(np.array([0.0, 0.03, 0.0])).object.points == pytest.approx(there, abs=5 * IMAGE_UNIT)
-
-
-def test_where_nothing_was_met_a_view_that_is_hardly_foreseen_tells_of_no_push():
-    rng = np.random.default_rng(3)
-    slopes = rng.normal(size=(4, 3))
-    known = Lying(seen(np.zeros(5)))
-    known.look(look_at(rng, slopes, np.array([0.01, 0.0, 0.0])), VARIANCE, True)
-    known.look(look_at(rng, slopes, np.array([0.3, -0.3, 0.2])), VARIANCE, True)
-    assert not known.moved.any()
 
 
 def test_a_tip_that_was_not_seen_twice_is_lost_and_words_get_shorter_until_it_is_seen_again():

@@ -19,15 +19,9 @@ def parts(sensors):
     return np.stack([np.sin(2 * xa) + 0.8 * xb * xa - yb**2, np.exp(ya) / 2 - xb * yb + 0.5 * ya * yb], 1)
 
 
-def test_so_few_records():
-    assert FactoredTable(3).records.shape == (4 * 9 + 4 * 81, 3)
-    assert FactoredTable(3, cells=4).records.shape == (4 * 5 + 4 * 25, 3)
-
-
 @settings(max_examples=50)
 @given(POINT, st.integers(1, 9))
 def test_the_tables_interpolate(sensors, cells):
-    """Records that are linear in a coordinate, or in both, sum to what is linear in all."""
     table = FactoredTable(1, cells=cells)
     x = np.linspace(-1, 1, cells + 1)
     lines = [slope * x for slope in (0.1, 0.2, -0.3, 0.4)]
@@ -41,7 +35,6 @@ def test_the_tables_interpolate(sensors, cells):
 
 
 def test_it_learns_any_sum_of_parts_also_where_nothing_was_shown():
-    """Learned where xa + yb < 0.5, it knows the rest, as no 4-D table can."""
     rng = np.random.default_rng(0)
     table = FactoredTable(2)
     shown = [p for p in rng.uniform(-0.7, 0.7, (900, 4)) if p[0] + p[3] < 0.5]
@@ -54,7 +47,6 @@ def test_it_learns_any_sum_of_parts_also_where_nothing_was_shown():
 
 
 def test_the_filter_is_least_squares():
-    """Without drift, records are those of regularised least squares over all that was learned."""
     rng = np.random.default_rng(1)
     table = FactoredTable(1, cells=3)
     prior, noise = table.covariance.copy(), FactoredTable.SUCCESS_VARIANCE

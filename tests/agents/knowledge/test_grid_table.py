@@ -33,14 +33,6 @@ def test_the_first_success_fills_all_corners_of_its_cell_and_others_correct_them
     np.testing.assert_allclose(table.recall(sensors).registers, first + rate * (second - first), atol=1e-9)
 
 
-def test_nearer_corners_are_corrected_more():
-    table = GridTable(1, cells=1)
-    table.learn(np.zeros(4), np.zeros(1))
-    table.learn(np.full(4, -0.8), np.ones(1) * 0.5)
-    near, far = table.records[0, 0], table.records[-1, 0]
-    assert near > 10 * far >= 0
-
-
 def test_recall_is_multilinear_between_the_corners():
     table = GridTable(1, cells=2)
     grid = np.stack(np.meshgrid(*[[-1, 0, 1]] * 4, indexing="ij"), -1)
@@ -51,8 +43,6 @@ def test_recall_is_multilinear_between_the_corners():
 
 
 def test_skill_improves_by_doing(make_env, mount):
-    """Motions a trial in one small world of objects: later trials need half of the first ones'."""
-
     class Small(Lengths):
         def reset(self, **_):
             x, y = np.random.default_rng(len(self.lengths) + 1).uniform(-0.03, 0.03, 2)
@@ -73,18 +63,7 @@ def test_a_trial_cut_off_teaches_nothing(make_env):
     assert np.isnan(agent.knowledge.records).all()
 
 
-def test_cells_are_filled_by_one_success_and_trusted_after_some():
-    table = GridTable(3)
-    sensors = np.array([0.1, 0.1, -0.1, 0.3])
-    for successes in range(1, 5):
-        table.learn(sensors, np.zeros(3))
-        filled, trusted = table.known_cells()
-        assert np.argwhere(filled).tolist() == [[4, 4, 3, 5]]
-        assert trusted.sum() == (successes >= GridTable.TRUSTED)
-
-
 def test_a_kalman_filter_corrects_what_is_uncertain():
-    """A cell beside one that is well known: what it teaches changes the new corners, not the old ones."""
     known, new, tables = np.full(4, -0.5), np.array([0.5, -0.5, -0.5, -0.5]), []
     for kalman in (False, True):
         tables.append(GridTable(1, cells=2, kalman=kalman))

@@ -20,17 +20,6 @@ def registers_of(key):
     return np.array([x, y + 0.1 * x * x, 0.3 * x - y, 0.6 * key[4] + 0.1 * key[5] + 0.1 * x])
 
 
-@pytest.mark.parametrize("kind", [GridTable, FactoredTable])
-def test_in_six_dimensions_it_learns_where_it_was(kind):
-    rng, table = np.random.default_rng(0), kind(4, dimensions=6)
-    assert table.recall(np.zeros(6)) is None
-    keys = rng.uniform(-0.05, 0.05, (60, 6)) + 0.3
-    for key in keys:
-        table.learn(key, registers_of(key))
-    recalled = np.array([table.recall(key).registers for key in keys])
-    assert np.abs(recalled - np.array([registers_of(key) for key in keys])).max() < 0.02
-
-
 def test_a_grid_of_six_dimensions_knows_nothing_beyond_a_cell_and_factored_tables_do():
     grid, factored = GridTable(4, dimensions=6), FactoredTable(4, dimensions=6)
     assert len(grid.records) == 9**6
@@ -62,7 +51,6 @@ def test_directions_are_those_between_edge_and_axis_in_each_image():
 
 @given(st.floats(-np.pi, np.pi), st.floats(-0.7, 0.7))
 def test_keys_of_objects_that_are_turned_a_little_are_near(angle, differ):
-    """But where a quarter turn of the jaws ends, and another one begins: there the registers jump, too."""
     before, after = (
         direction_key(looked([0.0, 0.0], [turned + differ, turned - differ]))
         for turned in (angle, angle + 0.01)

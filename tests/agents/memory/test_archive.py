@@ -25,7 +25,6 @@ def test_the_old_world_is_found_and_agrees_and_another_one_does_not(seed):
 
 
 def test_an_old_world_that_agrees_where_nothing_tells_does_not_displace_the_present_one():
-    """A reversed motor leaves home where it was: there both agree."""
     old = wild(4112)
     new = MotorSign(motor="elbow").apply(old, np.random.default_rng(0))
     at_home = trial(new, 97, 0) + trial(new, 98, 0)
@@ -54,12 +53,3 @@ def test_a_restored_archive_is_the_same_and_a_damaged_one_is_told():
     del arrays["archive/0/home"]
     with pytest.raises(ValueError, match="holds no home"):
         Archive().restore(arrays)
-
-
-def test_a_copy_knows_what_was_archived_and_changes_nothing_else():
-    remembered = known(wild(4112), 2)
-    copy = remembered.copy()
-    copy.learn(trial(wild(4112), 5))
-    nothing = remembered.copy_of(remembered.nothing().arrays())
-    assert len(copy.gripper) == len(remembered.gripper) + 5
-    assert len(nothing.gripper) == len(nothing.object) == 0

@@ -9,7 +9,6 @@ from agents.servo.perception import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
 from tests.agents.memory.gripper_views import known, trial, wild
-from tests.agents.trials import assert_same_arrays
 
 TRIALS = 30
 
@@ -85,7 +84,6 @@ def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation,
 
 
 def test_a_reversed_motor_shows_away_from_home_only(acquainted):
-    """Many inconsistent observations in one trial are enough; of two trials with few, the second confirms."""
     reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
     _, (finding,) = examine(acquainted, trial(reversed_, TRIALS))
     assert finding.verdict is ChangeVerdict.CHANGED
@@ -98,7 +96,6 @@ def test_a_reversed_motor_shows_away_from_home_only(acquainted):
 
 
 def test_what_is_not_confirmed_was_mistaken(acquainted):
-    """Of a suspicious trial only what was not far off is learned, once enough quiet trials have followed."""
     odd = trial(acquainted[0], TRIALS, places=2)
     odd.sensors[1] += 0.3
     quiet = [trial(acquainted[0], TRIALS + i) for i in range(1, 5)]
@@ -126,26 +123,7 @@ def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquai
     assert then.cameras.tolist() == [True, False]
 
 
-def test_an_announced_change_is_believed(acquainted):
-    world, knowledge, arrays = acquainted
-    detector = ChangeDetector(3)
-    detector.restore(arrays)
-    finding = detector.examine(trial(world, TRIALS), knowledge, np.array([False, True]))
-    assert finding.verdict is ChangeVerdict.CHANGED
-    assert finding.cameras.tolist() == [False, True]
-
-
-def test_a_restored_detector_says_the_same(acquainted):
-    few = trial(changed(acquainted[0], MotorSign(motor="elbow")), TRIALS, places=2)
-    detector, _ = examine(acquainted, few)
-    again = ChangeDetector(3)
-    again.restore(detector.arrays())
-    assert_same_arrays(again, detector)
-    assert len(again.suspects) == len(few)
-
-
 def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_late(acquainted):
-    """Trials that do not show home are not examined, so that the next one may come much later."""
     reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
     few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 30)]
     detector, (first, second) = examine(acquainted, *few)
@@ -156,7 +134,6 @@ def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_la
 
 
 def test_homes_count_by_their_trials_and_not_by_their_number():
-    """A drift, too, where some did not show home."""
     home, drifting = HomeView(), HomeView()
     for i, number in enumerate([0, 5, 300, 310]):
         home.add(np.full(4, float(i)), 0.5, number)
@@ -171,7 +148,6 @@ def test_homes_count_by_their_trials_and_not_by_their_number():
 
 
 def test_noise_that_is_hardly_known_yet_raises_few_alarms():
-    """At most one in 1,000 trials, from the first on, where noise is estimated from the homes themselves."""
     alarms, lifetimes, trials = 0, 300, 20
     rng = np.random.default_rng(0)
     for _ in range(lifetimes):

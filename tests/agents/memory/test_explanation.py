@@ -33,7 +33,6 @@ def turned(points, roll=0.0, tilt=0.0, pan=0.0, zoom=1.0, focus=1.2):
 @settings(max_examples=40)
 @given(st.floats(-np.pi, np.pi), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.8, 1.25))
 def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pan, zoom):
-    """Against the homography of a pinhole camera, at places that were not fitted."""
     seen = SEEN.copy()
     seen[:, 2:] = turned(seen[:, 2:], roll, tilt, pan, zoom)
     change = fit_camera(KNOWLEDGE.gripper.function, 1, seen_at(PLACES, seen))
@@ -51,7 +50,6 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
     [("rolled", {"roll": 0.5}), ("zoomed", {"zoom": 0.85}), ("re-aimed", {"tilt": 0.1, "pan": -0.1})],
 )
 def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
-    """In nine of ten draws of the noise."""
     rng, kinds = np.random.default_rng(5), []
     for _ in range(30):
         seen = noisy(rng, view(PLACES))
@@ -60,18 +58,9 @@ def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
     assert kinds.count(kind) >= 27
 
 
-def test_two_mistaken_points_hardly_change_the_fit():
-    seen = SEEN.copy()
-    seen[:, :2] = turned(seen[:, :2], roll=0.3)
-    seen[:2, :2] += 0.3
-    change = fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen))
-    assert change.map.rotation == pytest.approx(0.3, abs=0.03)
-
-
 @settings(max_examples=30)
 @given(st.sampled_from([-1.0, 1.0]), st.floats(0.7, 1.4), st.floats(-0.1, 0.1))
 def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):
-    """Registers that led to `once` are now once * scale + offset."""
     once = PLACES[:, :3] * 0.8
     now = once.copy()
     now[:, 1] = once[:, 1] * sign * gain + zero
@@ -125,10 +114,6 @@ BOTH, LEFT = np.array([True, True]), np.array([True, False])
 def test_a_known_change_of_a_world_is_explained_and_what_was_known_predicts_again(
     lived_in, perturbation, cameras, kinds, left
 ):
-    """In a trial that the explanation has not seen, little is left of the error that the change made.
-
-    Lenses and what is not yet known make a turned camera look like a moved one in wild worlds.
-    """
     world, before = lived_in
     after = changed(world, perturbation)
     seen, held_out = trial(after, 100, places=20), trial(after, 101, places=20)
@@ -153,7 +138,6 @@ def test_what_nothing_explains_is_a_replaced_camera(lived_in):
 
 
 def test_a_drift_is_explained_by_the_camera_that_drifts(lived_in):
-    """Where it pans by 0.8 px a trial, pairs of twelve trials are moved to where the last one shows them."""
     world, before = lived_in
     pan = CameraAim(camera="left", degrees=0.15, direction=0)
     recent = Pairs.none(3)
@@ -179,7 +163,6 @@ def grippers(env, registers):
 
 @pytest.mark.parametrize("camera", [0, 1])
 def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_gone(make_env, camera):
-    """A shift says how far it was turned, so the perspective follows (at a usual focal length)."""
     env, rng = make_env("stand", world="nominal", keep_in_view=False).unwrapped, np.random.default_rng(0)
     env.reset(seed=0)
     nominal, remembered = env.world, Remembered(3)
@@ -194,10 +177,3 @@ def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_
         off = lengths_px((after - grippers(env, elsewhere)).reshape(-1, 2, 2)[:, camera])
         missed.append(np.median(off))
     assert np.median(missed) < 3
-
-
-def test_where_home_has_gone_tells_where_other_points_have_gone(lived_in):
-    world, before = lived_in
-    seen = trial(changed(world, CameraAim(camera="left", degrees=15)), 100, places=20)
-    guess = before.as_home_moved(seen.sensors[0], LEFT)
-    assert error_px(guess, seen.away()) < 0.2 * error_px(before, seen.away())

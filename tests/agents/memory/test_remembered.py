@@ -36,7 +36,6 @@ def textbook(looks, lengths, place, image):
 
 @pytest.mark.parametrize("count", [6, 20, 40])
 def test_views_are_the_posterior_of_the_kernel_as_defined(count):
-    """Also after some looks more than those by which lengths were chosen, and where some are doubted."""
     remembered = taught(count)
     looks = remembered.gripper.function.looks
     remembered.gripper.map(looks.places, looks.points, np.array([3 * IMAGE_UNIT, 0.0]))
@@ -52,7 +51,6 @@ def test_views_are_the_posterior_of_the_kernel_as_defined(count):
 
 @pytest.mark.parametrize(("off", "right"), [(0.0, 0), (0.6, 1)])
 def test_later_looks_tell_how_far_earlier_ones_are_off(off, right):
-    """Then it is the posterior of the kernel in which these are so far off."""
     deviations = np.array([[0.02, 0.02], [1.0, 0.0]])
     earlier = taught(40).gripper.function
     function = earlier.doubted(deviations)
@@ -85,24 +83,7 @@ def off(remembered):
     return remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)
 
 
-def test_a_motor_that_moves_nothing_gets_a_great_length():
-    rng, remembered = np.random.default_rng(0), Remembered(3)
-    registers = rng.uniform(-0.7, 0.7, (80, 3))
-    remembered.learn(seen_at(registers, noisy(rng, view(registers * [1, 1, 0]))))
-    lengths = remembered.gripper.function.lengths[0]
-    assert lengths[2] > 4 * lengths[:2].max()
-
-
-def test_expected_errors_are_as_large_as_errors():
-    function = taught(60).gripper.function
-    places = np.random.default_rng(3).uniform(-0.6, 0.6, (200, 3))
-    points, variances, _ = function.at_all(places)
-    scores = np.linalg.norm(points - view(places).reshape(-1, 2, 2), axis=2) / np.sqrt(2 * variances)
-    assert 0.5 < np.sqrt(np.square(scores).mean()) < 2
-
-
 def test_mistaken_looks_are_left_out(monkeypatch):
-    """And no others, where none is dropped for what the others tell."""
     monkeypatch.setattr(KeptLooks, "TOLD", 0.0)
     rng, remembered = np.random.default_rng(4), Remembered(3)
     registers = rng.uniform(-0.7, 0.7, (64, 3))
@@ -130,14 +111,7 @@ def test_of_looks_that_add_equally_little_the_oldest_is_dropped_whatever_roundin
     assert kept.function.looks.points[:, 0, 0].tolist() == [0, 1, 2, 4, 5, 6, 7, 10]
 
 
-def test_noise_that_is_found_out_late_holds_for_earlier_looks():
-    remembered = taught(12, noise_px=0.5)
-    remembered.learn(seen_at(PLACES, view(PLACES), noise_px=3.0))
-    np.testing.assert_allclose(remembered.gripper.function.looks.variances, (3 * IMAGE_UNIT) ** 2)
-
-
 def test_what_is_learned_anew_is_as_probable_as_noise_has_it_whatever_noise_was_assumed_before():
-    """Two that differ in nothing but the noise of earlier looks are as surprised by noisier looks."""
     registers = np.random.default_rng(5).uniform(-0.5, 0.5, (6, 3))
     seen = seen_at(registers, noisy(np.random.default_rng(6), view(registers), 4), 4)
     before, anew = taught(20), taught(20)
@@ -156,15 +130,6 @@ def test_it_keeps_what_adds_most_and_no_more_than_its_bound(monkeypatch):
     assert (np.ptp(few.gripper.function.looks.places, axis=0) > 1.2).all()
     with pytest.raises(ValueError, match="looks is 3; it must be a whole number, 10 or more"):
         Remembered(3, looks=3)
-
-
-def test_it_drops_what_the_others_tell_and_stays_as_good():
-    rng, remembered = np.random.default_rng(7), Remembered(3)
-    for _ in range(60):
-        registers = rng.uniform(-0.7, 0.7, (10, 3))
-        remembered.learn(seen_at(registers, noisy(rng, view(registers))))
-    assert len(remembered.gripper) < 125
-    assert np.sqrt(np.square(off(remembered)).mean()) < 0.5 * IMAGE_UNIT
 
 
 def test_a_saved_one_goes_on_bit_for_bit_alike():
@@ -194,7 +159,6 @@ def jacobian_errors(env, seed):
 
 @pytest.mark.slow
 def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
-    """In most of seven worlds; in one in ten a column is off by more than 15 %."""
     env = make_env(mount)
     errors = np.array([jacobian_errors(env, seed) for seed in range(7, 14)])
     assert (np.median(errors, axis=0) < 0.1).all()
@@ -209,7 +173,6 @@ def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live,
 
 
 def test_looks_of_an_object_that_home_did_not_show_tell_nothing_of_it():
-    """Nobody knows under which home view to keep them; the gripper's tell as much as ever."""
     points = np.zeros((4, 2))
     hidden = Observation(points, np.array([True, True, True, False]), np.zeros(3))
     looks = [hidden, Observation(points + 0.1, np.ones(4, bool), np.full(3, 0.2))]
@@ -231,18 +194,23 @@ def test_of_an_object_that_is_not_seen_at_home_nothing_is_known():
     assert (unknown.object.variances > 1).all()
 
 
+def test_it_drops_what_the_others_tell_and_stays_as_good():
+    rng, remembered = np.random.default_rng(7), Remembered(3)
+    for _ in range(60):
+        registers = rng.uniform(-0.7, 0.7, (10, 3))
+        remembered.learn(seen_at(registers, noisy(rng, view(registers))))
+    assert len(remembered.gripper) < 125
+    assert np.sqrt(np.square(off(remembered)).mean()) < 0.5 * IMAGE_UNIT
+
+
 def test_cameras_that_changed_together_are_mapped_as_each_was_fitted():
-    """The depth by which one is mapped is told by the other as it was, whichever comes first."""
     places = np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3))
     seen = view(places)[:, [1, 0, 3, 2]] * [-1, 1, 1, -1]
     before = taught(80)
     pairs = seen_at(places, seen)
     changes = [fit_camera(before.gripper.function, camera, pairs) for camera in (0, 1)]
-    mapped = []
+    alone = changes[1].sensors(before.gripper.function.looks.points.reshape(-1, 4))
     for order in (changes, changes[::-1]):
         after = before.copy()
         after.map(order)
-        mapped.append(after.gripper.function.looks.points)
-    np.testing.assert_array_equal(*mapped)
-    alone = changes[1].sensors(before.gripper.function.looks.points.reshape(-1, 4))
-    np.testing.assert_array_equal(mapped[0][:, 1], alone[:, 2:])
+        np.testing.assert_array_equal(after.gripper.function.looks.points[:, 1], alone[:, 2:])

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 import agents
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.neural.recurrent_servo.network import KEPT
 from agents.neural.recurrent_servo.places import PlaceRegression
 
@@ -21,14 +20,6 @@ def test_it_needs_fewer_motions_in_later_trials(live, make_env, mount):
         first.append(lengths[0])
         later += lengths[6:]
     assert np.mean(later) < 0.5 * np.mean(first)
-
-
-def test_it_and_its_kept_file_say_what_it_is_built_on(make_env):
-    agent = agents.make("in_context", make_env())
-    assert PriorKnowledge.TRAINING_WORLDS in agent.prior_knowledge
-    assert KEPT["in_context"].stat().st_size < 2_000_000
-    assert agent.training["worlds_from"] >= 50_000
-    assert agent.training["cpu_minutes"] > 0
 
 
 def test_memory_outlasts_trials_and_loads_and_a_new_life_begins_without(make_env, tmp_path):
@@ -67,7 +58,6 @@ def test_networks_of_the_other_agent_are_refused(make_env):
 
 
 def test_the_regression_of_places_is_bayesian():
-    """Kalman steps against the posterior of all that was told, in one solution (Bishop 2006, 3.49)."""
     rng = np.random.default_rng(0)
     features, registers = rng.standard_normal((6, 4)), rng.standard_normal((6, 3))
     variances = rng.uniform(0.1, 1, 6)

@@ -13,7 +13,7 @@ import yaml
 import agents
 from agents.neural import TUNED
 from agents.neural.sb3.sb3_agent import ImageDistance, flattened
-from tests.agents.neural.sb3_learners import make, rows_of_one_world
+from tests.agents.neural.sb3_learners import make
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "agents"
 
@@ -97,17 +97,6 @@ def test_hindsight_waits_for_a_whole_trial_of_each_row_of_its_own_environment():
         agent = agents.make("sac_her", rows, net_arch=[8], learning_starts=5)
         assert agent._model.learning_starts == waits
     assert agent.learn(200).num_timesteps == 200
-
-
-def test_a_rollout_is_as_long_in_one_environment_as_in_rows():
-    settings = {"rows": 4, "n_steps": 5, "batch_size": 10}
-    assert make("ppo", **settings)._model.n_steps == 20
-    assert make("ppo", rows_of_one_world(4), **settings)._model.n_steps == 5
-
-
-def test_hindsight_says_where_it_is_not_valid():
-    with pytest.warns(UserWarning, match="hindsight relabelling is not valid on the waist mount"):
-        make("sac_her", gym.make("CalFree/Reach-v0", camera_mount="waist"))
 
 
 def test_hindsight_relabels_with_places_that_the_gripper_came_to():

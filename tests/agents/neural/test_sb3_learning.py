@@ -68,14 +68,6 @@ def test_any_number_of_motions_is_never_exceeded(name, setting):
             assert agent.num_timesteps == agent._model.num_timesteps == made
 
 
-def test_where_updates_wait_for_a_whole_trial_its_last_motion_is_kept():
-    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=6, tolerance_px=0.001)
-    agent = make("sac", env, train_freq=(1, "episode"), learning_starts=0)
-    agent.learn(12)
-    assert agent._model.replay_buffer.pos == 12
-    assert agent._model._n_updates == 2
-
-
 def global_draws():
     return random.random(), np.random.random(), torch.rand(1).item()  # noqa: NPY002
 
@@ -107,14 +99,3 @@ def test_the_callers_generators_stay_and_learning_follows_from_the_seed_alone(na
         learned.append((weights(agent), words))
     assert torch.equal(learned[0][0], learned[1][0])
     np.testing.assert_array_equal(learned[0][1], learned[1][1])
-
-
-def test_predicting_by_chance_changes_no_learning():
-    alike = []
-    for _ in range(2):
-        env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", camera_mount="stand")
-        observation, _ = env.reset(seed=0)
-        alike.append(make(env=env).learn(60))
-    alike[0].predict(observation, deterministic=False)
-    first, second = (weights(agent.learn(60)) for agent in alike)
-    assert torch.equal(first, second)

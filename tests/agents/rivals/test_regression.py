@@ -28,13 +28,6 @@ def test_however_looks_come_they_give_the_least_squares_with_the_prior_as_looks_
     )
 
 
-def test_a_copy_learns_for_itself():
-    regression = BayesianRegression(np.ones(2), 1)
-    regression.copy().learn(np.eye(2), np.ones((2, 1)), np.ones(2))
-    assert not regression.mean.any()
-    np.testing.assert_array_equal(regression.covariance, np.eye(2))
-
-
 def test_monomials_are_products_of_powers():
     powers = exponents((2, 1), (2, 1), 2)
     assert sorted(map(tuple, powers.tolist())) == sorted(
@@ -47,7 +40,6 @@ def test_monomials_are_products_of_powers():
 
 @pytest.mark.parametrize("motors", [1, 3, 4, 6, 8])
 def test_polynomials_of_any_number_of_motors_stay_small(motors):
-    """And see an object move with any of them."""
     images, home = PolynomialImages(motors), np.zeros(4)
     at_home = np.zeros(motors)
     for regressions in images._regressions:

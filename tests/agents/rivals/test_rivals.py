@@ -1,15 +1,11 @@
 """`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera, and are saved whole."""
 
-from dataclasses import replace
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.rivals import train
-from agents.rivals.looks import RegressionLooks
 from agents.rivals.prior import KEPT, load_prior
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
@@ -51,20 +47,6 @@ def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live
     assert forgotten >= 12, "six trials: at home, and after a motion at least"
     assert left[forgotten:].all()
     assert right.all()
-
-
-def test_looks_of_a_camera_alone_and_of_none():
-    looks = replace(
-        RegressionLooks.none(2), registers=np.zeros((2, 2)), homes=np.zeros((2, 4)), noise_px=np.ones(2)
-    )
-    points = np.zeros((2, 2, 4))
-    points[1, :, 2:] = np.nan
-    looks = replace(looks, points=points)
-    kept = looks.without(np.array([True, False]))
-    assert len(kept) == 1
-    assert np.isnan(kept.points[..., :2]).all()
-    assert np.isfinite(kept.points[..., 2:]).all()
-    assert len(looks.without(np.ones(2, bool))) == 0
 
 
 @pytest.mark.parametrize(
@@ -122,16 +104,6 @@ def test_another_arm_mount_or_prior_is_refused(tmp_path):
     agents.make("simulation_prior", make_reach("stand"), camera_mount="stand").save(tmp_path / "stand.npz")
     with pytest.raises(ValueError, match="camera_mount='stand'"):
         agents.make("simulation_prior", make_reach()).load(tmp_path / "stand.npz")
-
-
-def test_it_and_its_kept_file_say_what_it_is_built_on():
-    agent = agents.make("simulation_prior", make_reach())
-    assert {PriorKnowledge.TRAINING_WORLDS, PriorKnowledge.MOUNT, PriorKnowledge.IMAGE_SCALE} <= (
-        agent.prior_knowledge
-    )
-    assert KEPT.stat().st_size < 2_000_000
-    assert agent.training["cpu_seconds"] > 0
-    assert f"--worlds-from {agent.training['worlds_from']} " in agent.training["command"]
 
 
 def test_a_prior_is_made_anew_by_its_command(tmp_path):

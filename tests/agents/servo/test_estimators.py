@@ -1,7 +1,5 @@
 """Estimators of the Jacobian against MuJoCo's derivatives, and against algebra where the world is linear."""
 
-import copy
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -47,7 +45,6 @@ class Robot:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_analytic_jacobian_is_what_the_simulation_does(mount, noise_free, seed):
-    """The reference itself, against noise-free image points and their central differences."""
     env = noise_free(mount, seed)
     robot = Robot(env)
     robot.move(np.random.default_rng(seed).uniform(-0.1, 0.1, 3))
@@ -67,11 +64,6 @@ def test_the_analytic_jacobian_is_what_the_simulation_does(mount, noise_free, se
 def test_three_test_motions_give_every_estimator_the_analytic_jacobian(
     estimator, mount, noise_free, noise_px
 ):
-    """Each column is that in the middle of its own motion, but for noise, curvature, and Broyden's ρ.
-
-    A coordinate's two observations err by σ√2/w over a word w. A motion's mean slope differs from that in its
-    middle by a small part of the slope's change. Regularised by ρ, an update learns the share w² / (ρ + w²).
-    """
     for seed in range(4):
         robot = Robot(noise_free(mount, seed, noise_px), estimator)
         for motor in range(3):
@@ -89,7 +81,6 @@ def test_three_test_motions_give_every_estimator_the_analytic_jacobian(
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_lasting_estimators_follow_the_jacobian_through_small_motions(estimator, mount, noise_free):
-    """After 20 motions of 20 px that lead away, the error is at most 0.6 of the unchanged J's (median)."""
     errors = []
     for seed in range(12):
         robot, rng = Robot(noise_free(mount, seed, 0.5), estimator), np.random.default_rng(seed)
@@ -133,22 +124,17 @@ def independent(entries):
 
 @settings(max_examples=50)
 @pytest.mark.parametrize("estimator", EVERY)
-@given(jacobian=matrices(8, 3), entries=matrices(3, 3), size=st.floats(0.05, 0.3))
+@given(
+    jacobian=matrices(8, 3),
+    entries=matrices(3, 3),
+    size=st.floats(0.05, 0.3) | st.floats(-0.3, -0.05),
+)
 def test_in_a_linear_world_as_many_independent_motions_as_motors_give_j(estimator, jacobian, entries, size):
-    """Where an update has rank one, it keeps what it learned of directions at right angles, and no others."""
     rank_one = {"test_motions": np.eye(3), **dict.fromkeys(["broyden", "trust_region"], orthogonal(entries))}
     found = EVERY[estimator](3)
     for words in size * rank_one.get(estimator, independent(entries)):
         found.learn(words, moved_by(jacobian, words), ALL)
     np.testing.assert_allclose(found.jacobian, jacobian, atol=5e-3)
-
-
-@pytest.mark.parametrize("word", [0.1, -0.1])
-def test_a_test_motion_forth_or_back_measures_the_same_column(word):
-    jacobian = np.random.default_rng(0).normal(size=(8, 3))
-    found = TestMotions(3)
-    found.learn(np.array([0.0, word, 0.0]), moved_by(jacobian, [0.0, word, 0.0]), ALL)
-    np.testing.assert_allclose(found.jacobian[:, 1], jacobian[:, 1])
 
 
 @settings(max_examples=50)
@@ -165,12 +151,14 @@ def test_broyden_explains_the_last_motion_by_the_least_change(start, words, move
 def test_what_was_not_seen_changes_nothing(estimator):
     rng = np.random.default_rng(0)
     start, seen = rng.normal(size=(8, 3)), np.array([True, True, False, True])
-    found = EVERY[estimator](3, Slopes.of(start))
+    given_ = start.copy()
+    found = EVERY[estimator](3, Slopes.of(given_))
     for words in 0.1 * np.eye(3):
         found.learn(words, rng.normal(size=(4, 2)), seen)
     rows = np.repeat(seen, 2)
     np.testing.assert_allclose(found.jacobian[~rows], start[~rows], atol=1e-9)
     assert (np.abs(found.jacobian - start)[rows] > 1e-3).all()
+    np.testing.assert_array_equal(given_, start, "it learns in a copy of its own")
 
 
 @pytest.mark.parametrize("noise_px", [0.1, 5.0])
@@ -182,20 +170,8 @@ def test_how_sure_a_jacobian_from_before_is_does_not_depend_on_the_noise_of_the_
     np.testing.assert_allclose(estimator.deviations(np.ones(3)), before)
 
 
-@pytest.mark.parametrize("estimator", EVERY)
-def test_an_estimator_begins_with_the_jacobian_that_it_is_given_and_a_copy_of_its_own(estimator):
-    start = np.random.default_rng(0).normal(size=(8, 3))
-    given_ = start.copy()
-    found = EVERY[estimator](3, Slopes.of(given_))
-    np.testing.assert_array_equal(found.jacobian, start)
-    found.learn(np.array([0.1, 0.0, 0.0]), np.ones((4, 2)), ALL)
-    np.testing.assert_array_equal(given_, start)
-    np.testing.assert_array_equal(EVERY[estimator](3).jacobian, np.zeros((8, 3)))
-
-
 @pytest.mark.parametrize("estimator", ["rls", "kalman", "local"])
 def test_forgetting_lets_the_next_test_motions_decide(estimator):
-    """After a change of sign test motions alone correct J; without forgetting, some of the old one stays."""
     old, errors = np.random.default_rng(0).normal(size=(8, 3)), {}
     for forgets in (True, False):
         found = EVERY[estimator](3)
@@ -214,7 +190,6 @@ def test_forgetting_lets_the_next_test_motions_decide(estimator):
 
 
 def test_local_least_squares_withstands_one_gross_outlier_among_its_motions():
-    """Among 12 motions of about 25 px one mistaken point, half an image away, in the first six."""
     rng, errors = np.random.default_rng(0), []
     for _ in range(100):
         true = rng.normal(size=(8, 3))
@@ -244,7 +219,6 @@ def test_trust_region_goes_further_where_it_predicts_well_and_less_far_where_not
 
 @pytest.mark.parametrize("word", [0.01, 0.1])
 def test_points_are_as_exact_as_the_kalman_filter_says(word):
-    """Where J is constant, and paths curve by 2 %: errors² are those of its covariance."""
     rng, share, noise = np.random.default_rng(0), 0.02, 0.7 * IMAGE_UNIT
     ratios = []
     for _ in range(60):
@@ -261,17 +235,3 @@ def test_points_are_as_exact_as_the_kalman_filter_says(word):
             if motion > 5:
                 ratios.append(np.square((estimated - true) / IMAGE_UNIT).mean() / found.blur_px**2)
     assert 0.7 < np.mean(ratios) < 1.2
-
-
-@pytest.mark.parametrize("estimator", ["trust_region", "rls"])
-def test_looking_again_teaches_nothing_of_a_jacobian(estimator):
-    learner, rng = EVERY[estimator](3), np.random.default_rng(0)
-    for words in 0.1 * np.eye(3):
-        learner.learn(words, rng.normal(size=8), ALL)
-    twin = copy.deepcopy(learner)
-    for _ in range(8):
-        learner.learn(np.zeros(3), 0.01 * rng.normal(size=8), ALL)
-    words, moved = np.array([0.1, -0.05, 0.02]), rng.normal(size=8)
-    for each in (learner, twin):
-        each.learn(words, moved, ALL)
-    np.testing.assert_array_equal(learner.jacobian, twin.jacobian)

@@ -24,7 +24,6 @@ def test_hidden_points_cost_few_motions(mount, make_env):
 
 
 def test_an_object_that_one_camera_does_not_see_from_home_is_not_waited_for(make_env):
-    """It goes nearer by what the other camera sees, until both see it."""
     reached = []
     for seed in range(20):
         env = make_env(occlusion=True)

@@ -45,7 +45,6 @@ STOP = np.array([-0.1, -1.0])
     ],
 )
 def test_it_finds_the_nearest_posture_and_the_other_where_a_stop_is_in_the_way(start, lowest, posture):
-    """From where it begins, each step leads to the stop; the other posture has been seen."""
     points = looked(folded, folded((-0.2, 0.3)), GRID)
     found = Seeker(points, np.array(start), lowest, FREE, caution=0.1).seek()
     np.testing.assert_allclose(found.registers, [posture, 0.3], atol=0.01)
@@ -60,7 +59,6 @@ def test_where_no_posture_does_it_says_that_this_is_hopeless():
 
 
 def test_what_is_unknown_is_no_worse_than_a_place_known_not_to_do():
-    """The other posture was never seen; it goes where it does not know better, though it expects less."""
     points = looked(folded, folded((-0.15, 0.3)), GRID[GRID[:, 0] < 0.05])
     found = Seeker(points, np.array([0.0, 0.3]), STOP, FREE, caution=0.1).seek()
     assert not found.hopeless

@@ -58,12 +58,6 @@ def prompt():
     return filter_
 
 
-def test_an_observation_that_comes_out_as_predicted_is_taken_at_once(prompt):
-    trusted, taken = settled(prompt, [seen(MOVED_PX + 3.0)])
-    assert taken == 1
-    assert off_px(trusted, MOVED_PX + 3.0) < 1e-6
-
-
 @pytest.mark.parametrize("point", range(4))
 def test_a_mistaken_point_costs_one_more_observation_and_is_not_trusted(prompt, point):
     mistaken = MOVED_PX.copy()
@@ -90,12 +84,6 @@ def test_a_point_out_of_view_is_lost_after_two_observations(prompt):
     assert off_px(trusted, MOVED_PX) < 1e-6  # where it is predicted to be
 
 
-def test_where_points_are_missing_at_times_one_is_lost_after_more_observations(prompt):
-    settled(prompt, [seen(MOVED_PX, visible=BLIND), seen(MOVED_PX)])
-    settled(prompt, [seen(MOVED_PX, visible=BLIND)])
-    assert not prompt.lost.any()
-
-
 def test_observations_that_come_late_are_waited_for():
     filter_, late = ObservationFilter(), [seen(0), seen(MOVED_PX)]
     trusted, taken = settled(filter_, late, known=False)
@@ -105,7 +93,6 @@ def test_observations_that_come_late_are_waited_for():
 
 
 def test_late_observations_teach_no_noise():
-    """They differ from the next ones, where nothing moves, by the motion."""
     filter_, rng, noise_px = ObservationFilter(), np.random.default_rng(0), 0.7
     before = np.zeros((4, 2))
     for motion in range(12):
@@ -186,7 +173,6 @@ def test_latency_is_found_out_in_wild_worlds(make_env, motions):
 
 
 def test_what_was_begun_with_is_not_looked_at_twice():
-    """A servo under a knowledge base begins with what that one has begun with, hidden points included."""
     filter_, rng = ObservationFilter(), np.random.default_rng(0)
     looks = (seen(rng.normal(0, 5, (4, 2)), np.zeros(3), (True, True, True, False)) for _ in count())
     _, begun = shown(filter_.first(next(looks)), looks)

@@ -60,7 +60,6 @@ def test_transform_leaves_out_just_what_no_words_can_change(entries, distance):
 
 
 def test_weighted_leaves_out_a_contradicting_coordinate_better_than_plain_least_squares():
-    """The coordinate that weighs most in the left-null direction is wrong by 20 to 80 px, all by 0.7 px."""
     rng, errors = np.random.default_rng(0), []
     for _ in range(500):
         jacobian, words = rng.normal(size=(4, 3)), rng.uniform(-0.2, 0.2, 3)
@@ -117,7 +116,6 @@ def test_bounded_words_keep_within_bounds_help_and_are_the_best_where_none_binds
 
 @pytest.mark.parametrize("seed", range(5))
 def test_of_equations_that_can_be_spared_alike_the_last_is_left_out_whatever_rounding_says(seed):
-    """Cameras side by side: both tell the same of what is up and down."""
     jacobian = np.array([[2.0, 1, 0], [0, 1, 1], [-2, 1, 0], [0, 1, 1]])
     distance = np.arange(4.0)
     rounding = 1 + 1e-15 * np.random.default_rng(seed).normal(size=jacobian.shape)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.servo.perception import ObservationFilter
-from agents.servo.safe.leash import Leash, LinearView, StraightWay, equal_units
+from agents.servo.safe.leash import Leash, LinearView, StraightWay
 from agents.servo.safe.safe_start import FirstMotions
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
@@ -76,47 +76,27 @@ def test_it_stands_still_then_moves_one_motor_at_a_time_the_smallest_word_first(
     assert not sent[: FirstMotions.LOOKS].any()
     moving = sent[FirstMotions.LOOKS :]
     assert ((moving != 0).sum(1) == 1).all()
-    for motor in np.flatnonzero((moving != 0).any(0)):
+    known = (moving != 0).any(0)
+    for motor in np.flatnonzero(known):
         words = moving[moving[:, motor] != 0, motor]
         assert words[0] == FirstMotions.FIRST_WORD
         assert (np.sign(words) == np.resize([1, -1], len(words))).all(), "there and back"
         moved_px = np.abs(been[:, motor]).max() * strength[motor]
-        smallest = FirstMotions.FIRST_WORD * strength[motor]
-        most = FirstMotions.MOST_GROWTH * FirstMotions.CLEAR
-        assert moved_px <= max(most, smallest), "no farther than needed"
+        most = max(FirstMotions.MOST_GROWTH * FirstMotions.CLEAR, words[0] * strength[motor])
+        assert moved_px <= most, "no farther than needed"
         assert motions.tested[motor] > 0
-    known = (moving != 0).any(0)
-    np.testing.assert_allclose(
-        motions.view.jacobian[:, known],
-        arm.jacobian[:, known],
-        atol=0.35 * np.abs(arm.jacobian).max(0)[known].max(),
-    )
+    true = arm.jacobian[:, known]
+    np.testing.assert_allclose(motions.view.jacobian[:, known], true, atol=0.35 * np.abs(true).max())
 
 
 def test_a_point_that_is_lost_makes_it_go_back_and_on_by_half_the_other_way():
     _, sent, been = first_motions(Noisy((60, 400, 400), seen_to=0.03))
     moved = been[sent[:, 0] != 0, 0]
-    lost = np.flatnonzero(np.abs(moved) > 0.03)
-    assert len(lost)
-    for each in lost:
+    assert (np.abs(moved) > 0.03).any()
+    for each in np.flatnonzero(np.abs(moved) > 0.03):
         assert moved[each + 1] == pytest.approx(moved[each - 1]), "back to where all was seen"
         assert abs(moved[each + 2]) <= abs(moved[each]) / 2 + 1e-9
         assert moved[each + 2] * moved[each] < 0
-
-
-def trial(agent, arm, motions):
-    """A trial of an agent with a linear arm, up to so many motions: its words, and its state."""
-    state, sent, seen = None, [], arm.observed()
-    for _ in range(motions):
-        raw = {
-            "achieved_goal": seen.points[:2].ravel(),
-            "desired_goal": seen.points[2:].ravel(),
-            "observation": np.concatenate([seen.visible, seen.registers]),
-        }
-        words, state = agent.predict(raw, state)
-        sent.append(words)
-        seen = arm.observed(words)
-    return np.array(sent), state
 
 
 @pytest.mark.parametrize(
@@ -127,10 +107,15 @@ def trial(agent, arm, motions):
     ],
 )
 def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
-    agent = agents.make("safe_start", gym.make("CalFree/Reach-v0"))
-    sent, state = trial(agent, arm, 60)
+    agent, state, sent = agents.make("safe_start", gym.make("CalFree/Reach-v0")), None, [np.zeros(3)]
+    for _ in range(60):
+        seen = arm.observed(sent[-1])
+        goals = {"achieved_goal": seen.points[:2].ravel(), "desired_goal": seen.points[2:].ravel()}
+        own = np.concatenate([seen.visible, seen.registers])
+        words, state = agent.predict({**goals, "observation": own}, state)
+        sent.append(words)
     assert why in agent.gave_up(state)[0]
-    assert not sent[-5:].any()
+    assert not np.any(sent[-5:])
     assert np.abs(sent).max() < 0.5
 
 
@@ -138,7 +123,6 @@ def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
 @example([0.0, 0.0, 0.0], [[0.0, 0.0, 2.28e-124], [0.0, 0.0, 1.0]])  # a motion that shows nothing
 @settings(max_examples=60)
 def test_a_servo_stays_on_its_leash(start, asked):
-    """Whatever words it sends, no motion is expected to move the images farther than the leash is long."""
     arm = LinearArm((400, 900, 200))
     arm.registers = 0.01 * np.array(start)
     seen = [arm.observed()]
@@ -184,32 +168,28 @@ def test_motions_near_the_object_are_short(px):
     assert view.moved_px(allowed) == pytest.approx(longest)
 
 
+def gone_straight(arm):
+    """What holds an arm, and its registers after each motion, when it has gone to the object."""
+    view = view_of(arm, variance=1e-8)
+    leash = leash_of(arm.observed(), view)
+    way = leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False)
+    words, _ = carry_out(way, arm.observed)
+    assert leash.now.distance_px < StraightWay.NEAR_PX
+    return leash, np.cumsum(words, 0)
+
+
 def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
     there = np.array([0.3, -0.2, 0.4])
-    arm = arm_with_object([[300, 0, 0, 40], [0, 300, 40, 0], [0, 40, 0, 0]], there)
-    view, places = view_of(arm, variance=1e-8), []
-    leash = leash_of(arm.observed(), view)
-
-    def observed(words):
-        now = arm.observed(words)
-        places.append(now.registers)
-        return now
-
-    carry_out(leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False), observed)
+    _, places = gone_straight(arm_with_object([[300, 0, 0, 40], [0, 300, 40, 0], [0, 40, 0, 0]], there))
     assert len(places) > 2, "on a leash"
-    for place in places:
-        assert np.linalg.norm(np.cross(place, there)) < 0.02 * np.linalg.norm(there) ** 2
-    assert leash.now.distance_px < StraightWay.NEAR_PX
+    assert (np.linalg.norm(np.cross(places, there), axis=1) < 0.02 * np.linalg.norm(there) ** 2).all()
 
 
 def test_what_the_leash_holds_back_is_no_stop():
     bound = np.array([1.0, 1.0, 0.03])
     arm = arm_with_object([[300, 0], [0, 300], [150, 0]], [0.3, 0.3, 0.0], highest=bound)
-    view = view_of(arm, variance=1e-8)
-    leash = leash_of(arm.observed(), view)
-    carry_out(leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False), arm.observed)
+    leash, _ = gone_straight(arm)
     assert leash.stops.found[1].tolist() == [np.inf, np.inf, 0.03]
-    assert leash.now.distance_px < StraightWay.NEAR_PX
 
 
 def test_where_a_motion_lost_a_point_the_leash_lets_it_back_at_once():
@@ -247,19 +227,10 @@ def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     view.jacobian = unsure.jacobian = arm.jacobian
     unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
     now = arm.observed()
-    trusted, doubted = (
-        StraightWay(each, leash_of(now, each), np.ones(3)).words(now) for each in (view, unsure)
-    )
+    ways = [StraightWay(each, leash_of(now, each), np.ones(3)) for each in (view, unsure)]
+    trusted, doubted = (way.words(now) for way in ways)
     assert abs(doubted[2]) < 0.1 * abs(trusted[2])
     np.testing.assert_allclose(doubted[:2], trusted[:2], rtol=0.01)
-
-
-def test_units_make_all_motors_alike():
-    arm = LinearArm((4000, 900, 700))
-    units = equal_units(arm.jacobian, np.full(3, 0.01))
-    moved = lengths_px((arm.jacobian * units).reshape(4, 2, 3).swapaxes(1, 2)).max(0)
-    np.testing.assert_allclose(moved, moved[0])
-    assert equal_units(np.zeros((8, 3)), np.full(3, 0.01)).tolist() == [0.04] * 3
 
 
 def test_no_joint_goes_far_in_the_first_motion_and_nothing_is_harmed():

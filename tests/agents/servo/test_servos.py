@@ -44,7 +44,6 @@ def test_jacobian_servo_reaches_by_every_estimator(reach, estimator, mount):
 )
 @pytest.mark.parametrize(("name", "settings"), SERVOS)
 def test_a_camera_rolled_in_mid_trial_is_tolerated(reach, name, settings, mount, worlds, least):
-    """At a motion drawn from the first five (section 3.3)."""
     rng, reached = np.random.default_rng(0), []
     for seed in worlds:
         roll = [{"at": {"motion": int(rng.integers(1, 6))}, "do": {"type": "camera_roll"}}]
@@ -81,7 +80,6 @@ def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, name, setting
 
 @pytest.mark.parametrize("name", ["work_plane_servo", "paper_servo"])
 def test_test_motions_leave_nothing_behind(live, make_env, name):
-    """The paper forgets J: trial after trial such a servo begins with a test motion."""
     agent, _ = live(name, make_env(), 3, trials=3)
     assert agent.slopes is None
     observation, _ = make_env(world=agent.env.unwrapped.world).reset(seed=5)

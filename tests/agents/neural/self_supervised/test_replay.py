@@ -41,36 +41,6 @@ def test_consecutive_pairs_go_forwards():
     np.testing.assert_allclose(steps, [0.1, 0.3, 0.5, 0.7])
 
 
-def test_what_is_not_seen_or_alone_gives_no_pair():
-    replay = Replay(2, 100)
-    add(replay, 0, [0.1, 0.2])
-    add(replay, 0, [0.3, 0.2], visible=(True, True, False, True))
-    add(replay, 1, [0.1, 0.2])
-    assert len(replay) == 2
-    assert len(replay.sample(50, np.random.default_rng(0)).words) == 0
-
-
-def test_the_oldest_are_forgotten():
-    replay = filled(trials=50, each=4, capacity=30)
-    assert len(replay) == 30
-    assert replay.trials[0] >= 42
-    assert replay.added == 200
-
-
-def test_a_reversed_motor_is_mended_before_the_change_only():
-    """Mended, all registers are such as the motors have them now."""
-    replay = filled(trials=20)
-    since = replay.added
-    mirrored = JACOBIAN * [1, -1]
-    for i in range(10):
-        registers = np.random.default_rng(i).uniform(-1, 1, 2)
-        add(replay, 20 + i // 5, [registers[0], -registers[1]])
-        replay.registers[-1] = registers
-    replay.reverse(np.array([1.0, -1.0]), since)
-    pairs = replay.sample(1000, np.random.default_rng(0))
-    np.testing.assert_allclose(pairs.change, pairs.words @ mirrored.T, atol=1e-12)
-
-
 def test_what_is_doubted_is_marked_and_no_pair_spans_the_change():
     replay = filled(trials=30, each=4)
     replay.doubt(replay.added - 42)  # in the middle of a trial
