@@ -2,9 +2,7 @@
 
 import warnings
 from dataclasses import replace
-from itertools import islice
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 
 import agents
 from agents.base.registers import Encoders, RegisterEstimate
-from tests.agents.trials import motions_of
 
 MOTORS = 3
 
@@ -103,17 +100,6 @@ def test_a_step_is_what_all_registers_are_multiples_of(step, multiples, stepped)
         assert encoders.step < step / 2
     elif np.abs(multiples).max() * step > 1.5 * common:
         assert encoders.step == pytest.approx(common, rel=1e-3)
-
-
-def test_a_saved_agent_knows_its_encoders(tmp_path):
-    env = gym.make("CalFree/Reach-v0", world="rough", dynamics="kinematic")
-    env.reset(seed=4)
-    agent = agents.make("paper_servo", env).learn(60)
-    agent.save(tmp_path / "agent")
-    fresh, loaded = agents.make("paper_servo", env), agents.make("paper_servo", env).load(tmp_path / "agent")
-    three = (islice(motions_of(each, env, seed=5), 15) for each in (agent, loaded, fresh))
-    saved, alike, other = ([words.tolist() for words, *_ in made] for made in three)
-    assert alike == saved != other
 
 
 def test_words_make_up_for_what_motors_usually_fall_short():

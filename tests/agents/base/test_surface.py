@@ -82,6 +82,7 @@ def test_an_agent_loads_from_paths_and_open_files_and_acts_and_learns_on_alike(l
             again, env = make(name)
             again.load(place)
             assert again.num_timesteps == agent.num_timesteps == 80
+            assert saved(again) == saved(agent)
             np.testing.assert_array_equal(words_of(again, held_out), words)
     again.learn(40)
     assert env.unwrapped.world == held_out.unwrapped.world

@@ -8,7 +8,7 @@ from agents.base.registers import Stops
 from agents.body_schema.body import NOTHING, Body, BodyChange, likely_mounts
 from agents.body_schema.body_schema import MeetingSeeker
 from agents.body_schema.chain import PLACE, TURN, Views
-from agents.body_schema.fitting import Gaussian, rolled
+from agents.body_schema.fitting import rolled
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.body_schema.chains import Arm
 
@@ -58,14 +58,6 @@ def test_a_body_goes_on_with_what_has_not_changed(trials, looks):
     assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=99, numbers=numbers)).any()
 
 
-def test_a_trial_with_mistaken_points_is_no_change():
-    arm = Arm("scara.xml", "tip")
-    known = arm.known(arm.pairs(trials=20, seed=1))
-    pairs = arm.pairs(trials=1, looks=10, seed=2)
-    pairs.sensors[[2, 6], :2] = 0.7
-    assert not known.contradicted(pairs).any()
-
-
 def seeker(arm, target, stops=None, offset=0.0):
     nothing = np.zeros(arm.chain.motors)
     place = arm.gripper(target)
@@ -84,20 +76,6 @@ def test_mujoco_has_the_gripper_at_the_object_there(seed):
     meeting = found.seek()
     assert meeting.deviation_px < 4
     assert np.linalg.norm(arm.gripper(meeting.registers) - place) < 0.02
-
-
-def test_the_jacobian_is_that_of_the_points():
-    arm = Arm("scara.xml", "tip")
-    registers = np.r_[0.2, -0.3, 0.1, 0.0][: arm.chain.motors]
-    home = np.concatenate([arm.pinhole(arm.gripper(registers), camera) for camera in (0, 1)])
-    jacobian = arm.exact.jacobian(registers, home)
-    for motor, step in enumerate(1e-5 * np.eye(arm.chain.motors)):
-        both = [
-            [arm.pinhole(arm.gripper(registers + sign * step), camera) for camera in (0, 1)]
-            for sign in (1, -1)
-        ]
-        slope = (np.array(both[0]) - both[1]).ravel() / 2e-5
-        np.testing.assert_allclose(jacobian[:4, motor], slope, atol=1e-4)
 
 
 @pytest.mark.parametrize(("file", "site", "mount"), [("scara.xml", "tip", 0), ("redundant.xml", "tool", 2)])
@@ -122,18 +100,6 @@ def test_what_it_expects_is_as_far_off_as_it_says():
         off_px = (points[:2] - sensors.reshape(2, 2)) / IMAGE_UNIT
         squares.append(np.square(off_px / deviations_px[:2, None]).mean())
     assert 0.4 < np.mean(squares) < 2.0
-
-
-def test_what_is_known_but_for_some_is_the_marginal_of_the_others():
-    random = np.random.default_rng(0)
-    factor = random.normal(size=(5, 5))
-    covariance = factor @ factor.T + np.eye(5)
-    changed = np.array([False, True, False, False, True])
-    left = Gaussian(np.zeros(5), np.linalg.inv(covariance)).but_for(changed, np.full(5, 3.0))
-    found = np.linalg.inv(left.information)
-    np.testing.assert_allclose(found[np.ix_(~changed, ~changed)], covariance[np.ix_(~changed, ~changed)])
-    np.testing.assert_allclose(found[np.ix_(changed, changed)], 9.0 * np.eye(2))
-    np.testing.assert_allclose(left.root @ left.root.T, found)
 
 
 @pytest.mark.parametrize("mount", [0, 1, 3, 5, 7])

@@ -12,7 +12,7 @@ from agents.base.prior_knowledge import PriorKnowledge
 from agents.body_schema.chain import Views
 from experiments.studies import priors
 from tests.agents.body_schema.chains import MODELS, Arm
-from tests.agents.trials import assert_same_arrays, carry_out
+from tests.agents.trials import carry_out
 
 
 def arm_file(file, site, **more):
@@ -45,15 +45,6 @@ def test_it_tells_which_camera_was_knocked_and_goes_on(make_env, live):
     assert [event.kind for event in agent.body.events] == ["right camera turned"]
     assert agent.body.events[0].trial in (11, 12)
     assert np.mean(lengths[14:]) <= 1.5
-
-
-def test_what_it_takes_its_body_for_lasts_in_a_file(make_env, live, tmp_path):
-    moved = [{"at": {"trial": 6}, "do": {"type": "camera_replace", "camera": "left"}}]
-    agent, _ = live("body_schema", make_env(perturbations=moved), seed=4, trials=8)
-    agent.save(tmp_path / "body.npz")
-    again = agents.make("body_schema", make_env()).load(tmp_path / "body.npz")
-    assert again.body.events == agent.body.events != []
-    assert_same_arrays(again, agent)
 
 
 def test_a_way_longer_than_one_word_is_no_stop(make_env):

@@ -1,7 +1,7 @@
 """Affine stereo in worlds that are affine, where all that it assumes is exact; and in the simulation."""
 
 from functools import partial
-from itertools import chain, count, repeat
+from itertools import count
 
 import numpy as np
 import pytest
@@ -68,15 +68,6 @@ def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(told, gain, se
     carry_out(AffineStereo(told(), gain=gain).procedure(world.observed(), None), observed, 9)
     shares = np.array(lengths[3:]) / np.array(lengths[2:-1])
     np.testing.assert_allclose(shares, 1 - gain, rtol=1e-3)
-
-
-def test_it_uses_four_positions_and_none_after_them(told):
-    made = []
-    for later in (None, np.full(3, np.nan)):
-        world, positions = AffineWorld(5), chain([None] * 3, repeat(later))
-        running = AffineStereo(told()).procedure(world.observed(), None)
-        made.append(carry_out(running, lambda words, w=world, p=positions: w.observed(words, next(p)), 8)[0])
-    np.testing.assert_array_equal(*made)
 
 
 def test_a_position_at_which_a_point_is_missing_is_looked_at_again(told):

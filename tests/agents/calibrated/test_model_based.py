@@ -1,7 +1,6 @@
 """The calibrated robot against the simulation that it models, and against the numbers asked of it."""
 
 from dataclasses import replace
-from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -15,7 +14,6 @@ from agents.base.observation import Observation
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
-from tests.agents.trials import motions_of
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -100,11 +98,3 @@ def test_a_motion_that_loses_a_point_is_taken_back_by_half(make_env):
     moving = [word for word in words if word.any()]
     assert not words[0].any()
     np.testing.assert_allclose(moving[0], -goal / 2)
-
-
-def test_where_the_model_is_right_an_observation_is_a_motion(make_env, mount):
-    env = make_env(mount, world="nominal", terminate_on_success=False)
-    agent = agents.make("model_based", env, camera_mount=mount)
-    for seed in range(10):
-        made = [words for words, *_ in islice(motions_of(agent, env, seed=seed), 4)]
-        assert np.any(made, axis=1).all()

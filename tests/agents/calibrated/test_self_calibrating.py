@@ -14,7 +14,6 @@ from agents.calibrated.self_calibrating import Validity, ValidityCheck
 from calfree_gym.image import lengths_px
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
-from tests.agents.trials import assert_same_arrays
 
 PLACES = ((0.38, 0.1, 0.1), (0.42, -0.1, 0.2), (0.45, 0.05, 0.06), (0.36, -0.05, 0.15))
 
@@ -106,38 +105,6 @@ def learned(make_env):
     env = make_env()
     env.reset(seed=3000)
     return agents.make("self_calibrating", env).learn(12)
-
-
-def in_version_0_1(arrays):
-    """Arrays as version 0.1 saved them: eight coordinates, each with its flag, a measurement."""
-    flat = {name: arrays[name].reshape(-1, 8) for name in ("points", "residuals_px")}
-    kept = {name: array for name, array in arrays.items() if name != "residuals_px"}
-    seen = np.repeat(arrays["seen"], 2, 1)
-    return {**kept, "points": flat["points"], "off_px": flat["residuals_px"], "seen": seen}
-
-
-def test_what_it_has_measured_and_identified_is_saved_and_loaded(learned, tmp_path):
-    learned.save(tmp_path / "robot.npz")
-    loaded = agents.make("self_calibrating", learned.env).load(tmp_path / "robot.npz")
-    assert loaded.arrays()["points"].shape[1:] == (4, 2)
-    assert loaded.arrays()["seen"].shape[1:] == (4,)
-    assert_same_arrays(loaded, learned)
-
-
-def test_older_files_load_with_a_warning(learned, tmp_path):
-    path, robot = tmp_path / "old.npz", agents.make("self_calibrating", learned.env)
-    storage.save(path, learned.kind, in_version_0_1(learned.arrays()), 12, 3)
-    with pytest.warns(UserWarning, match=r"version 0\.1"):
-        robot.load(path)
-    assert robot.num_timesteps == 12
-    assert_same_arrays(robot, learned)
-    home, _ = learned.env.reset(seed=3001)
-    np.testing.assert_array_equal(robot.predict(home)[0], learned.predict(home)[0])
-    storage.save(path, "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12, 3)
-    with pytest.warns(UserWarning, match=r"motor_curve='cubic', lens='radial'\)"):
-        robot.load(path)
-    with pytest.raises(ValueError, match=r"this agent is .*motor_curve='linear'"):
-        agents.make("self_calibrating", learned.env, motor_curve="linear").load(path)
 
 
 def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):

@@ -74,16 +74,6 @@ def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
     assert turn < 1e-9
 
 
-def test_marks_that_are_lost_are_looked_for_where_the_robot_came_from():
-    robot = Robot(23)
-    trial, made = before_the_dock(robot)
-    away = np.linalg.lstsq(robot.wheels, [0, 0, 2.0], rcond=None)[0]
-    seen, sent = made(trial.drive([away, away]))
-    assert not seen
-    np.testing.assert_allclose(sent, [away, away, -away, -away])
-    np.testing.assert_allclose(robot.pose, [-1, 0, 0], atol=1e-9)
-
-
 def test_the_oracle_docks_in_a_few_arcs_on_any_wheels():
     for base, most in (("differential", 6), ("omni", 3)):
         env = gym.make("calfree_gym:CalFree/Dock-v0", base=base, tell=("pose", "wheels"))

@@ -1,7 +1,6 @@
 """The whole procedure in worlds that it does not know, and each of its parts against the truth."""
 
 from dataclasses import replace
-from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +12,6 @@ import agents
 from agents.base.registers import Stops
 from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.seen import target
-from agents.grasp.trial import GraspTrial
 from agents.grasp.turning import Turning, turn_needed
 from calfree_gym.robot.grasping.gripping_arm import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
@@ -191,16 +189,3 @@ def test_the_procedure_grasps_at_any_orientation():
         *_, (*_, info) = motions_of(agents.make("grasp", env, seed=seed), env, seed=seed)
         lifted.append(env.unwrapped.is_solved(info["truth"]))
     assert sum(lifted) >= 5
-
-
-def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
-    def touching(trial, *words, **others):
-        yield from moved(trial, *words, **others)
-        trial.touched = True
-
-    moved = GraspTrial.move
-    monkeypatch.setattr(GraspTrial, "move", touching)
-    env = gym.make(GRASP, shape="bar", camera_mount="stand")
-    agent = agents.make("grasp", env)
-    monkeypatch.setattr(type(agent.reacher.servo), "__call__", lambda *_: (_ for _ in ()))
-    assert len(list(islice(motions_of(agent, env, seed=0), 12))) == 12

@@ -73,16 +73,6 @@ def test_the_mean_of_both_images_lies_between_them(angle, differ):
     assert np.sin(turn_needed("both_images", now) - angle) == pytest.approx(0, abs=1e-6)
 
 
-def test_a_hidden_tip_is_told_by_what_hangs_from_it():
-    now = gripper(np.random.default_rng(0).normal(size=(4, 3)))
-    now.visible[TIP, 0] = False
-    told = now.with_hidden_tip(np.full((2, 2), 0.1))
-    assert told.visible[TIP].all()
-    np.testing.assert_allclose(told.points[TIP, 0], now.points[OBJECT, 0] - 0.1)
-    np.testing.assert_array_equal(told.points[TIP, 1], now.points[TIP, 1])
-    assert not now.visible[TIP, 0]
-
-
 @pytest.mark.parametrize(("noise_px", "mistaken", "told"), [(0.5, 0, 0.5), (4.0, 0, 2.0), (0.5, 3, 0.5)])
 def test_a_tip_is_as_noisy_as_its_looks_and_some_of_them_are_mistaken(noise_px, mistaken, told):
     rng = np.random.default_rng(1)

@@ -70,11 +70,3 @@ def test_a_constant_gain_corrects_a_recall_by_its_rate():
         table.learn(np.full(4, 0.3), np.array([registers]))
         after = table.records[table._between(np.full(4, 0.3))[0]].T @ table._between(np.full(4, 0.3))[1]
         np.testing.assert_allclose(after, before + 0.4 * (registers - before), atol=1e-9)
-
-
-def test_skill_improves_by_doing(live, make_env, mount):
-    env = make_env(mount, world="wild")
-    env.reset(seed=7)
-    _, lengths = live("factored_table", env, motions=300, servo="jacobian_servo")
-    assert np.mean(lengths[-51:-1]) <= 1.7
-    assert np.mean(lengths[:3]) >= 3

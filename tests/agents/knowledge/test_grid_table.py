@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
-from tests.agents.trials import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 CORNERS = np.array(list(np.ndindex(9, 9, 9, 9))) / 4 - 1
@@ -40,19 +39,6 @@ def test_recall_is_multilinear_between_the_corners():
     for sensors in np.random.default_rng(0).uniform(-1, 1, (50, 4)):
         expected = sensors @ [0.1, 0.2, -0.3, 0.1] + 0.05 * sensors.prod()
         np.testing.assert_allclose(table.recall(sensors).registers, [expected], atol=1e-12)
-
-
-def test_skill_improves_by_doing(make_env, mount):
-    class Small(Lengths):
-        def reset(self, **_):
-            x, y = np.random.default_rng(len(self.lengths) + 1).uniform(-0.03, 0.03, 2)
-            return super().reset(options={"object": (0.42 + x, y, 0.10)})
-
-    env = make_env(mount, world="nominal")
-    env.reset(seed=0)
-    log = Small(env)
-    agents.make("grid_table", log).learn(500)
-    assert np.mean(log.lengths[-31:-1]) <= 0.5 * np.mean(log.lengths[:5])
 
 
 def test_a_trial_cut_off_teaches_nothing(make_env):

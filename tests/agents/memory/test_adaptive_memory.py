@@ -66,16 +66,6 @@ def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env
     assert_same_arrays(first, second)
 
 
-def test_an_announced_change_is_saved(make_env, tmp_path):
-    agent = agents.make("memory", make_env()).learn(60)
-    agent.adaptation.announce_change(np.array([True, False]))
-    agent.save(tmp_path / "agent.npz")
-    loaded = agents.make("memory", make_env()).load(tmp_path / "agent.npz")
-    observation, _ = agent.env.reset()
-    assert agent.expected_px(observation) is None
-    assert loaded.expected_px(observation) is None
-
-
 @pytest.mark.parametrize("jumped", [0, 2])
 @pytest.mark.parametrize(
     ("perturbation", "events"), [(None, []), (CameraAim(camera="left", degrees=8), ["map"])]
@@ -168,14 +158,3 @@ def test_an_arm_that_changed_in_mid_trial_is_not_taken_for_the_old_one_where_hom
     env = make_env(world="wild", perturbations=reverse, terminate_on_success=False, max_episode_steps=4)
     agent, _ = live("memory", env, 640000, motions=4 * 22)
     assert [event.trial for event in agent.adaptation.events] == [(motion + 1) // 4]
-
-
-def test_a_camera_knocked_at_once_in_every_trial_is_not_taken_for_the_arm():
-    world, rng = wild(4112), np.random.default_rng(0)
-    memory = AdaptiveMemory(known(world, 8))
-    for number in range(8, 11):
-        knocked = CameraAim(camera="left", degrees=10, direction=rng.uniform(-180, 180)).apply(world, rng)
-        earlier, later = looks_of(trial(world, number)), looks_of(trial(knocked, number))
-        memory.learn([*earlier[:1], *later[1:]], 0.5, jumped=1)
-    seen = trial(world, 300, places=9)
-    assert np.median(memory.known_for(looks_of(seen)[0]).errors(seen)[0]) < 2

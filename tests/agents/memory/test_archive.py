@@ -34,15 +34,6 @@ def test_an_old_world_that_agrees_where_nothing_tells_does_not_displace_the_pres
     assert not before.agrees_with(pairs, now)
 
 
-def test_of_like_worlds_the_latest_is_found_and_the_oldest_go():
-    archive = Archive()
-    for i in range(Archive.KEPT + 3):
-        archive.add({"registers": np.full(1, i)}, np.zeros(4) if i in (0, 4, 5) else np.full(4, 0.5))
-    assert len(archive.worlds) == Archive.KEPT
-    assert archive.find(np.zeros(4), 0.7)["registers"] == 5
-    assert archive.find(np.full(4, -0.5), 0.7) is None
-
-
 def test_a_restored_archive_is_the_same_and_a_damaged_one_is_told():
     archive, again = Archive(), Archive()
     for i in range(3):

@@ -123,16 +123,6 @@ def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquai
     assert then.cameras.tolist() == [True, False]
 
 
-def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_late(acquainted):
-    reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
-    few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 30)]
-    detector, (first, second) = examine(acquainted, *few)
-    assert (first.verdict, second.verdict) == (ChangeVerdict.SUSPECT, ChangeVerdict.SUSPECT)
-    assert not len(first.pairs)
-    assert set(second.pairs.trials) == {TRIALS}  # those of the first that were not far off may be learned
-    assert set(detector.suspects.trials) == {TRIALS + 30}
-
-
 def test_homes_count_by_their_trials_and_not_by_their_number():
     home, drifting = HomeView(), HomeView()
     for i, number in enumerate([0, 5, 300, 310]):

@@ -45,19 +45,6 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
     assert change.deviation_px[1] < 4
 
 
-@pytest.mark.parametrize(
-    ("kind", "motion"),
-    [("rolled", {"roll": 0.5}), ("zoomed", {"zoom": 0.85}), ("re-aimed", {"tilt": 0.1, "pan": -0.1})],
-)
-def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
-    rng, kinds = np.random.default_rng(5), []
-    for _ in range(30):
-        seen = noisy(rng, view(PLACES))
-        seen[:, :2] = turned(seen[:, :2], **motion)
-        kinds.append(fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen)).kind)
-    assert kinds.count(kind) >= 27
-
-
 @settings(max_examples=30)
 @given(st.sampled_from([-1.0, 1.0]), st.floats(0.7, 1.4), st.floats(-0.1, 0.1))
 def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):

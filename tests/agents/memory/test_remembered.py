@@ -132,17 +132,6 @@ def test_it_keeps_what_adds_most_and_no_more_than_its_bound(monkeypatch):
         Remembered(3, looks=3)
 
 
-def test_a_saved_one_goes_on_bit_for_bit_alike():
-    first, second = taught(90, looks=50), Remembered(3, looks=50)
-    second.restore({name: array.copy() for name, array in first.arrays().items()})
-    for i in range(40):
-        pairs = seen_at(PLACES[i % 8][None] + 0.01 * i, view(PLACES[i % 8][None]))
-        expected = [each.gripper.function.at(PLACES[0]).points for each in (first, second)]
-        assert expected[0].tobytes() == expected[1].tobytes()
-        for each in (first, second):
-            each.learn(pairs)
-
-
 def jacobian_errors(env, seed):
     """Of the columns (3,) at a rendezvous after some trials in one world, by MuJoCo's derivatives."""
     env.reset(seed=seed)
@@ -183,15 +172,6 @@ def test_looks_of_an_object_that_home_did_not_show_tell_nothing_of_it():
     remembered.learn(pairs)
     assert (len(remembered.gripper), len(remembered.object)) == (2, 0)
     assert np.isfinite(remembered.learn_anew(pairs))
-
-
-def test_of_an_object_that_is_not_seen_at_home_nothing_is_known():
-    remembered = Remembered(3)
-    remembered.learn(seen_at(PLACES, view(PLACES)))
-    there = PLACES[2]
-    unknown, known = (remembered.points(home, 0.5).at(there) for home in (None, np.zeros(4)))
-    np.testing.assert_array_equal(unknown.gripper.points, known.gripper.points)
-    assert (unknown.object.variances > 1).all()
 
 
 def test_it_drops_what_the_others_tell_and_stays_as_good():

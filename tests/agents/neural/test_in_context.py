@@ -1,6 +1,5 @@
 """in_context: what outlasts a trial, its regression of places, and what a life of trials brings."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -36,19 +35,6 @@ def test_memory_outlasts_trials_and_loads_and_a_new_life_begins_without(make_env
     np.testing.assert_array_equal(again.predict(observation)[0], taught)
     np.testing.assert_array_equal(agents.make("in_context", env).predict(observation)[0], untaught)
     assert all(torch.equal(tensor, weights[name]) for name, tensor in agent._network.state_dict().items())
-
-
-def test_what_is_predicted_changes_nothing_that_is_remembered(make_env):
-    env = make_env()
-    agent = agents.make("in_context", env)
-    env.reset(seed=UNSEEN)
-    agent.learn(5)
-    held_out = gym.make_vec("CalFree/Reach-v0", num_envs=2, dynamics="kinematic")
-    observation, _ = held_out.reset(seed=UNSEEN)
-    words, state = agent.predict(observation)
-    observed, *_ = held_out.step(words)
-    agent.predict(observed, state)
-    np.testing.assert_array_equal(agent.predict(observation, None, np.ones(2, bool))[0], words)
 
 
 def test_networks_of_the_other_agent_are_refused(make_env):

@@ -218,18 +218,6 @@ def test_the_gradient_through_the_robots_is_that_of_the_loss(finishing, double, 
     assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(square**0.5, rel=1e-3)
 
 
-def test_training_lowers_the_loss(monkeypatch):
-    monkeypatch.setattr(train, "FINISHING", (1.0, 2.0))  # the same loss all the time
-    late = []
-    for rate in (0.0, 0.005):
-        torch.manual_seed(0)
-        network, robots = RecurrentServoNetwork(hidden=8, features=4), TrainingRobots(worlds(), 64)
-        late.append(
-            np.mean([window.loss.item() for window in train.train(network, robots, 6, rate, 60)][30:])
-        )
-    assert late[1] < 0.95 * late[0]
-
-
 @pytest.mark.parametrize(("name", "options"), [("recurrent_servo", []), ("in_context", ["--features", "4"])])
 def test_the_command_writes_a_file_that_the_agent_reads(name, options, make_env, tmp_path, capsys):
     out, drawn = tmp_path / "tiny.safetensors", tmp_path / "worlds.npz"

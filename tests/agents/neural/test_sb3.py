@@ -80,16 +80,6 @@ def test_networks_get_the_image_distance():
         np.testing.assert_allclose(features[0, 15:], np.tanh([*d, *(8 * d)]), atol=1e-6)
 
 
-def test_a_recurrent_network_remembers_within_a_trial_and_not_beyond():
-    agent = make("recurrent_ppo").learn(60)
-    observation = gym.make("CalFree/Reach-v0", camera_mount="stand").reset(seed=0)[0]
-    first, state = agent.predict(observation)
-    later, _ = agent.predict(observation, state)
-    assert not np.array_equal(first, later)
-    again, _ = agent.predict(observation, state, episode_start=np.array([True]))
-    np.testing.assert_array_equal(first, again)
-
-
 def test_hindsight_waits_for_a_whole_trial_of_each_row_of_its_own_environment():
     stand = {"dynamics": "kinematic", "camera_mount": "stand", "autoreset_mode": "SameStep"}
     for motions, waits in ((-1, 5), (90, 180)):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from agents.rivals.monomials import exponents, monomials
-from agents.rivals.polynomial import PolynomialImages
 from agents.rivals.regression import BayesianRegression
 from agents.rivals.residuals import ResidualProcess
 
@@ -36,17 +35,6 @@ def test_monomials_are_products_of_powers():
     values = np.random.default_rng(0).normal(size=(4, 3))
     for column, power in zip(monomials(values, powers).T, powers, strict=True):
         np.testing.assert_allclose(column, np.prod(values**power, axis=1))
-
-
-@pytest.mark.parametrize("motors", [1, 3, 4, 6, 8])
-def test_polynomials_of_any_number_of_motors_stay_small(motors):
-    images, home = PolynomialImages(motors), np.zeros(4)
-    at_home = np.zeros(motors)
-    for regressions in images._regressions:
-        assert len(regressions[0].mean) <= 300
-    variances = images.variances(0.1 * np.eye(motors), at_home, home)
-    assert variances.shape == (motors, 2, 4)
-    assert (variances > 0).all()
 
 
 def test_residuals_are_met_where_they_were_seen_and_fade_far_away():

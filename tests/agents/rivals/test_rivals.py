@@ -10,7 +10,6 @@ from agents.rivals.prior import KEPT, load_prior
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
 from experiments.running.run import world_seeds
-from tests.agents.trials import assert_same_arrays, motions_of
 from tests.arms.own import ARMS
 from tests.experiments.config.test_loading import SUITES
 
@@ -78,17 +77,6 @@ def test_polynomials_reach_with_other_arms(arm, live):
     env = gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS[arm], camera_mount="stand", dynamics="kinematic")
     _, counts = live("polynomial", env, UNSEEN, trials=6)
     assert np.median(counts) < 60
-
-
-def test_what_is_saved_goes_on_alike(name, tmp_path, live):
-    agent, _ = live(name, make_reach(), UNSEEN, trials=4)
-    agent.save(tmp_path / "agent.npz")
-    again = agents.make(name, make_reach()).load(tmp_path / "agent.npz")
-    assert_same_arrays(agent, again)
-    for own, other in zip(
-        motions_of(agent, make_reach(), seed=7), motions_of(again, make_reach(), seed=7), strict=True
-    ):
-        np.testing.assert_array_equal(own[0], other[0])
 
 
 def test_another_arm_mount_or_prior_is_refused(tmp_path):

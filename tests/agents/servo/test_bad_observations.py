@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.servo.paper import PaperServo
 from agents.servo.trial import Findings
 from agents.servo.unified import UnifiedServo
 from calfree_gym import MOUNTS
@@ -63,10 +62,3 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
     do, motions, error_px, share = HARD[trouble]
     errors_px, _ = after(mount, do, motions, worlds, UnifiedServo())
     assert np.mean(errors_px <= error_px + 1.5) >= (share if worlds > 100 else 0.9)
-
-
-def test_the_paper_s_servo_finds_out_how_noisy_points_are_in_its_first_trial():
-    _, findings = after("waist", {"type": "point_noise", "px": 2.0}, 60, 30, PaperServo())
-    known = [each.filter.noise.px for each in findings if each.filter.noise.measured]
-    assert len(known) >= 25
-    assert 1.6 <= np.median(known) <= 2.4

@@ -9,7 +9,6 @@ from agents.servo.image_model.gaussian_process import (
     price,
     right_looks,
     solved,
-    without_mistaken,
 )
 from calfree_gym.image import IMAGE_UNIT
 
@@ -46,23 +45,6 @@ def test_mistaken_looks_are_found_in_each_image(seed):
     far = wrong & (np.linalg.norm(points - true, axis=2) > 20 * IMAGE_UNIT)
     assert not right[far].any()
     assert np.mean(right[~wrong]) > 0.9
-
-
-def test_without_them_the_rest_tells_where_the_point_is():
-    places, points, _, true = scene(7)
-    function = looked(places[:-1], points[:-1])
-    other = without_mistaken(function, GaussianProcess.unknown(3, 3))
-    expected = other.at(places[-1])
-    off = np.linalg.norm(expected.points - true[-1], axis=1)
-    assert (off < 4 * np.sqrt(expected.variances.max() + NOISE**2)).all()
-    assert off.max() < 0.3 * np.linalg.norm(function.at(places[-1]).points - true[-1], axis=1).max()
-
-
-def test_what_was_not_seen_is_not_mistaken():
-    places, points, *_ = scene(1, mistaken=0.0)
-    function = looked(places, points)
-    missed = function.with_look(places[0] + 0.01, points[0] + 9.0, NOISE**2, ~SEEN)
-    assert right_looks(missed)[-1].all()
 
 
 def test_each_is_judged_by_those_that_stay():

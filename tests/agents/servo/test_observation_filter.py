@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.servo.jacobian import Kalman
 from agents.servo.perception import ObservationFilter
-from agents.servo.trial import Findings, ServoTrial
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.trials import carry_out
 
@@ -132,46 +130,6 @@ def test_noise_is_learned_from_observations_at_one_place(noise_px, mistaken):
     assert np.median(found) == pytest.approx(noise_px, rel=0.35)
 
 
-@pytest.mark.parametrize(("noise_px", "wanted"), [(0.7, 0), (3.0, 1)])
-def test_observations_are_made_to_learn_the_noise_where_points_miss_by_far_more_than_they_should(
-    noise_px, wanted
-):
-    rng, found = np.random.default_rng(0), []
-    for _ in range(40):
-        filter_, before = ObservationFilter(), seen(0, np.zeros(3))
-        settled(filter_, [seen(MOVED_PX, -THERE)], known=False)  # which comes in time
-        for step in range(1, 4):
-            px = MOVED_PX * step
-            now = seen(px + rng.normal(scale=noise_px, size=(4, 2)), step * THERE)
-            assert not list(filter_.settle(now, before, places(px), np.full(4, 0.5))), "no look again at once"
-            before = now
-        found.append(filter_.needs_samples)
-    assert np.mean(found) == pytest.approx(wanted, abs=0.1)
-
-
-def test_nothing_is_learned_of_noise_where_nothing_is_seen():
-    filter_ = ObservationFilter()
-    filter_.noise.px = 20.0
-    for visible in (True, False):
-        next(filter_.first(seen(0, visible=(visible,) * 4)), None)
-        assert filter_.needs_samples == visible
-
-
-@pytest.mark.parametrize("motions", [0, 1])
-def test_latency_is_found_out_in_wild_worlds(make_env, motions):
-    found = []
-    for seed in range(15):
-        late = [{"at": {"trial": 0}, "do": {"type": "latency", "motions": 1}}] if motions else None
-        env = make_env(perturbations=late)
-        trial = ServoTrial(Observation.of(env.reset(seed=seed)[0]), Findings(Kalman(3)), 0.04, 16.0)
-        for motor in trial.unmeasured():
-            carry_out(
-                trial.test(motor), lambda words, env=env: Observation.of(env.step(np.float32(words))[0])
-            )
-        found.append(trial.filter.latency.motions)
-    assert np.mean(np.array(found) == motions) >= 0.9
-
-
 def test_what_was_begun_with_is_not_looked_at_twice():
     filter_, rng = ObservationFilter(), np.random.default_rng(0)
     looks = (seen(rng.normal(0, 5, (4, 2)), np.zeros(3), (True, True, True, False)) for _ in count())
@@ -182,14 +140,3 @@ def test_what_was_begun_with_is_not_looked_at_twice():
     assert again is begun
     np.testing.assert_array_equal(filter_.noise.arrays()[0], before)
     assert before.all()
-
-
-def test_a_file_of_a_version_that_kept_less_leaves_nothing_of_this_life():
-    lived = ObservationFilter()
-    lived.gating.counts, lived.home = np.array([9.0, 3.0]), np.zeros((2, 2))
-    kept = lived.arrays()
-    lived.restore({"returns": kept["returns"]})
-    new = ObservationFilter().arrays()
-    assert all(np.array_equal(value, new[name], equal_nan=True) for name, value in lived.arrays().items())
-    lived.restore(kept)
-    assert lived.gating.counts.tolist() == [9, 3]

@@ -19,17 +19,6 @@ def seen(px):
     return Observation(points, np.ones(4, bool), np.zeros(3))
 
 
-def test_noise_is_that_of_a_good_marker_until_enough_is_known_or_where_a_file_hardly_tells_it():
-    noise = NoiseEstimate()
-    assert noise.px == 0.7
-    noise.add(np.full((4, 2), 30 * IMAGE_UNIT))
-    assert noise.px == 0.7
-    noise.add(np.full((20, 2), 0.1))
-    assert noise.px != 0.7
-    noise.restore(np.empty(0), np.empty(0))
-    assert noise.px == 0.7
-
-
 def test_homes_tell_the_noise_until_some_is_seen_in_a_row():
     rng, noise = np.random.default_rng(0), NoiseEstimate()
     for _ in range(30):

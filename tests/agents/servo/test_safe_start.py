@@ -147,17 +147,6 @@ def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_
     assert np.sign(leash.length_px - Leash.FIRST_PX) == factor
 
 
-@pytest.mark.parametrize(("word", "learned"), [(1e-9, 0.0), (1e-4, 0.01), (0.1, 0.9)])
-def test_it_learns_from_a_motion_as_much_as_that_shows_above_noise(word, learned):
-    arm, view = LinearArm((400, 400, 400)), LinearView(3)
-    view.jacobian = 1.5 * arm.jacobian
-    before, words = arm.observed(), np.array([word, 0.0, 0.0])
-    view.correct(words, before, arm.observed(words), noise_px=0.5)
-    share = (1.5 * arm.jacobian - view.jacobian)[:, 0].sum() / (0.5 * arm.jacobian)[:, 0].sum()
-    assert share == pytest.approx(learned, abs=0.1)
-    np.testing.assert_array_equal(view.jacobian[:, 1:], 1.5 * arm.jacobian[:, 1:])
-
-
 @pytest.mark.parametrize("px", [100.0, 40.0, 4.0])
 def test_motions_near_the_object_are_short(px):
     arm = LinearArm((400, 400, 400))
@@ -216,21 +205,6 @@ def test_it_goes_back_from_what_it_met_and_then_nowhere_in_that_direction():
     along = run.send(arm.observed(back))
     assert np.linalg.norm(along) > 1e-3
     assert along @ straight < 1e-9
-
-
-def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
-    arm = LinearArm((1, 1, 1))
-    arm.home = 0.003 * arm.home
-    arm.jacobian = np.zeros((8, 3))
-    arm.jacobian[[0, 1, 2], [0, 1, 2]] = IMAGE_UNIT * np.array([300.0, 300.0, 1.0])
-    view, unsure = LinearView(3), LinearView(3)
-    view.jacobian = unsure.jacobian = arm.jacobian
-    unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
-    now = arm.observed()
-    ways = [StraightWay(each, leash_of(now, each), np.ones(3)) for each in (view, unsure)]
-    trusted, doubted = (way.words(now) for way in ways)
-    assert abs(doubted[2]) < 0.1 * abs(trusted[2])
-    np.testing.assert_allclose(doubted[:2], trusted[:2], rtol=0.01)
 
 
 def test_no_joint_goes_far_in_the_first_motion_and_nothing_is_harmed():

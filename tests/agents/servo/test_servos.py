@@ -78,14 +78,6 @@ def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, name, setting
     np.testing.assert_array_equal(found, [0.1, -0.2, 0.3], "over other procedures it does not begin at home")
 
 
-@pytest.mark.parametrize("name", ["work_plane_servo", "paper_servo"])
-def test_test_motions_leave_nothing_behind(live, make_env, name):
-    agent, _ = live(name, make_env(), 3, trials=3)
-    assert agent.slopes is None
-    observation, _ = make_env(world=agent.env.unwrapped.world).reset(seed=5)
-    assert np.count_nonzero(agent.predict(observation)[0]) == 1
-
-
 SLOW = {"body_schema", "self_calibrating"}
 
 

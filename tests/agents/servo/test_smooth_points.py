@@ -73,15 +73,6 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
         np.testing.assert_allclose(found, np.transpose(slopes), atol=0.02)
 
 
-def test_several_places_at_once_are_each_as_alone(scene, rng):
-    points, at, seen, start = scene
-    known = looked(points, at, start, seen)
-    several = rng.uniform(-0.4, 0.4, (5, MOTORS))
-    together, alone = known.at(several).apart, [known.at(each).apart for each in several]
-    for found, expected in zip(together, zip(*alone, strict=True), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-
-
 def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(scene, rng, monkeypatch):
     length = 1.3
     monkeypatch.setattr(GaussianProcess, "LENGTHS", np.array([length]))
@@ -147,19 +138,6 @@ def test_a_handful_of_looks_tells_nothing_of_one_motor_beside_another(rng):
     slopes = looked(points, rng.uniform(-0.6, 0.6, (12, MOTORS)), seen=unseen).slopes_for_next()
     np.testing.assert_array_equal(slopes.lengths[0], 1)
     assert (slopes.lengths[1] != 1).any()
-
-
-def test_an_object_that_does_not_move_is_known_to_be_still_whatever_the_gripper_does(rng):
-    points, _ = wavy(rng, 0.5)
-
-    def still(registers):
-        return np.vstack([points(registers)[:2], [[0.3, 0.1], [0.2, -0.2]]])
-
-    known = looked(still, rng.uniform(-0.2, 0.2, (6, MOTORS)))
-    far = known.at(np.full(MOTORS, 0.4))
-    gripper, object_ = np.sqrt(far.variances).reshape(2, 2).mean(1)
-    assert object_ < gripper / 5
-    np.testing.assert_allclose(far.points[2:], still(np.zeros(MOTORS))[2:], atol=4 * object_)
 
 
 def test_slopes_from_before_save_looks_and_are_dropped_where_they_do_not_hold(rng):

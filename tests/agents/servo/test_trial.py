@@ -48,15 +48,6 @@ def test_test_words_get_the_size_that_moves_the_images_as_wanted(estimator, px_b
     np.testing.assert_allclose(trial.estimator.jacobian, arm.jacobian, atol=0.02 * np.abs(arm.jacobian).max())
 
 
-def test_a_test_motion_moves_one_motor_and_towards_the_object(arm):
-    trial = trial_of(arm, TestMotions(3, Slopes.of(arm.jacobian)))
-    for motor in range(3):
-        before = trial.now.distance
-        words = moved(trial.test(motor), arm)
-        assert np.flatnonzero(words[0]).tolist() == [motor]
-        assert trial.now.distance @ trial.now.distance < before @ before
-
-
 class SlippingArm(LinearArm):
     """Motors give way a little at their stops, as coupled ones do."""
 
@@ -88,13 +79,6 @@ def test_where_a_motor_stops_is_believed_when_it_does_not_move_at_all_by_a_secon
     lowest, highest = trial.word_bounds
     np.testing.assert_allclose(highest, [0.0, 1.3, 1.0])
     np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.2])
-
-
-def test_a_motion_that_has_a_greatest_length_is_no_stop():
-    stops = Stops(np.zeros(1))
-    for register in 0.1 * np.arange(1, 6):
-        stops.learn(np.array([0.7]), np.array([0.6]), np.array([register]))
-    assert stops.highest[0] == pytest.approx(1.5)
 
 
 def test_a_word_that_is_longer_than_words_can_be_meets_no_stop(arm):

@@ -42,15 +42,3 @@ def test_steps_are_those_of_pytorch(network, theirs):
         averaged += 0.01 * (latest - averaged)
     np.testing.assert_allclose(network.weights, latest, atol=2e-4)
     np.testing.assert_allclose(network.averaged, averaged, atol=2e-4)
-
-
-def test_a_restored_one_goes_on_bit_for_bit_alike(network):
-    inputs = np.float32(np.random.default_rng(1).normal(size=(30, 15)))
-    for _ in range(3):
-        network.descend(network.forward(inputs), network(inputs))
-    again = Perceptron(WIDTHS, learning_rate=3e-3, seed=8)
-    again.restore(network.arrays())
-    for each in (network, again):
-        each.descend(each.forward(inputs), each(inputs))
-    np.testing.assert_array_equal(network(inputs), again(inputs))
-    np.testing.assert_array_equal(network.weights, again.weights)
