@@ -77,12 +77,7 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
 
 
 class Notes:
-    """Knows nothing, and notes what it is taught: the object as seen from home, and registers.
-
-    Attributes:
-        taught: How far off, in pixels, gripper and object truly are at the registers that it was taught, and
-            at those at which the trial ended.
-    """
+    """Knows nothing, and notes what it is taught: the object as seen from home, and registers."""
 
     prior_knowledge = frozenset()
 
@@ -162,13 +157,3 @@ def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):
     noise = 1.0  # of the object's points, in the worse image; it is no part of what is expected
     assert np.median(errors) < 2 * np.median(expected) + noise
     assert np.median(expected) < 4
-
-
-def test_it_recalls_nothing_for_an_object_that_it_does_not_see(make_env):
-    env = make_env()
-    agent = agents.make("support_points", env).learn(400)
-    observation, _ = env.reset()
-    assert agent._recall(Observation.of(observation)) is not None
-    observation["observation"][2] = 0.0  # hidden in the left image
-    observation["desired_goal"][:2] = 0.0
-    assert agent._recall(Observation.of(observation)) is None

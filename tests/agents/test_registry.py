@@ -12,8 +12,6 @@ import pytest
 import agents
 from agents.base.registration import AGENTS
 from agents.moved import MOVED
-from agents.servo.paper import PaperServo
-from agents.servo.work_plane import WorkPlaneServo
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.arms.own import ARMS
 
@@ -107,12 +105,6 @@ def test_wrong_settings_say_what_is_allowed(name, setting, value, said):
 def test_who_cannot_do_a_task_or_needs_to_be_told_something_says_so(name, task, said):
     with pytest.raises(ValueError, match=said):
         agents.make(name, gym.make(f"calfree_gym:CalFree/{task}-v0"))
-
-
-def test_which_servo_corrects_the_paper_s_table(make_env):
-    env = make_env()
-    assert agents.make("grid_table", env).servo == PaperServo()
-    assert agents.make("grid_table", env, servo="work_plane_servo").servo == WorkPlaneServo()
 
 
 @pytest.mark.parametrize("number", [np.float32(0.5), np.int64(1)])

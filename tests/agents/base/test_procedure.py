@@ -14,11 +14,7 @@ GOALS = ("achieved_goal", "desired_goal")
 
 
 class Diary(ProcedureAgent):
-    """Stands still, and finds out what it observes.
-
-    Attributes:
-        trials: What learn handed over: findings, last observation, and whether the trial had ended.
-    """
+    """Stands still, and finds out what it observes."""
 
     kind = "Diary"
 

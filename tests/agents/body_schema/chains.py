@@ -19,13 +19,7 @@ LENGTH = 1.5
 
 
 class Arm:
-    """An arm in MuJoCo, and the numbers of the same chain, told from MuJoCo's axes.
-
-    Attributes:
-        chain: Its chain; the cameras are moved by that number of joints.
-        numbers: All numbers of it.
-        spans: What a register of one moves each joint, in rad or m.
-    """
+    """An arm in MuJoCo, and the numbers of the same chain, told from MuJoCo's axes."""
 
     def __init__(self, file, site, mount=0):
         self.model = mujoco.MjModel.from_xml_path(str(MODELS / file))

@@ -5,7 +5,7 @@ import pytest
 
 from agents.base.observation import Observation
 from agents.base.registers import Stops
-from agents.body_schema.body import NOTHING, Body, BodyChange, likely_mounts
+from agents.body_schema.body import NOTHING, Body, BodyChange
 from agents.body_schema.body_schema import MeetingSeeker
 from agents.body_schema.chain import PLACE, TURN, Views
 from agents.body_schema.fitting import rolled
@@ -100,9 +100,3 @@ def test_what_it_expects_is_as_far_off_as_it_says():
         off_px = (points[:2] - sensors.reshape(2, 2)) / IMAGE_UNIT
         squares.append(np.square(off_px / deviations_px[:2, None]).mean())
     assert 0.4 < np.mean(squares) < 2.0
-
-
-@pytest.mark.parametrize("mount", [0, 1, 3, 5, 7])
-def test_the_mount_is_among_the_guesses(mount):
-    arm = Arm("redundant.xml", "tool", mount)
-    assert (mount, mount) in likely_mounts(arm.pairs(trials=6, seed=8, reach=0.2), Body.GUESSES)

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.base.observation import Observation
 from agents.base.prior_knowledge import PriorKnowledge
-from agents.body_schema.chain import Views
 from experiments.studies import priors
-from tests.agents.body_schema.chains import MODELS, Arm
-from tests.agents.trials import carry_out
+from tests.agents.body_schema.chains import MODELS
 
 
 def arm_file(file, site, **more):
@@ -45,29 +42,6 @@ def test_it_tells_which_camera_was_knocked_and_goes_on(make_env, live):
     assert [event.kind for event in agent.body.events] == ["right camera turned"]
     assert agent.body.events[0].trial in (11, 12)
     assert np.mean(lengths[14:]) <= 1.5
-
-
-def test_a_way_longer_than_one_word_is_no_stop(make_env):
-    arm, env = Arm("scara.xml", "tip"), make_env("stand", **arm_file("scara.xml", "tip"))
-    agent = agents.make("body_schema", env)
-    agent.body.known = arm.exact
-    here, there = np.full((2, arm.chain.motors), 0.1)
-    here[0], there[0] = -0.8, 0.8
-
-    def seen(registers, object_):
-        points = Views(arm.chain, arm.numbers, registers[None], object_[None]).points[0]
-        return Observation(points, np.ones(4, bool), registers)
-
-    def observed(words):
-        here[:] += words
-        return seen(here.copy(), home.object)
-
-    findings, home = agent.new_findings(), seen(there, np.zeros(4))
-    going = agent._go(there, seen(here.copy(), np.zeros(4)), home, arm.exact, findings)
-    words, (_, arrived) = carry_out(going, observed)
-    assert np.abs(words[0]).max() <= 1
-    assert not arrived
-    assert np.isinf(findings.stops.found).all()
 
 
 @pytest.mark.slow

@@ -100,16 +100,6 @@ def test_a_mistaken_point_spoils_nothing(mount, seed):
     assert np.sqrt(np.mean(residuals_px**2)) < 0.7
 
 
-def test_a_camera_that_saw_but_one_place_is_taken_as_built_at_first_and_spoils_nothing(mount):
-    measured, _ = measurements_of(calfree_gym.nominal(), mount, np.random.default_rng(3))
-    seen = measured.seen.copy()
-    seen[1:, [0, 2]] = False
-    found = identify(replace(measured, seen=seen), built(mount))
-    assert np.isfinite(found.cost)
-    assert np.isfinite(found.parameters).all()
-    assert np.abs(found.residuals_px[:, [1, 3]]).max() < 1
-
-
 def test_an_object_that_one_camera_never_saw_is_looked_for_where_the_other_saw_it(mount):
     measured, _ = measurements_of(calfree_gym.nominal(), mount, np.random.default_rng(3), trials=(12,))
     seen = measured.seen.copy()

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import agents
-from agents.docking.servo import DockingTrial
 from tests.agents.docking.robot import Robot
 
 
@@ -41,37 +40,6 @@ def test_a_jacobian_servo_docks_on_omnidirectional_wheels_and_stops_beside_the_d
     assert docked.all()
     assert not beside.all()
     assert off.max() > 0.05
-
-
-def before_the_dock(robot):
-    """A trial that begins 1 m before the dock, and what executes its motions: returns and words sent."""
-    agent = agents.make("commuting_servo", robot)
-    robot.reset()
-    robot.pose = np.array([-1.0, 0.0, 0.0])
-    trial = DockingTrial(agent.observed(robot.look()), agent.new_findings())
-
-    def made(motions):
-        sent, observed = [], None
-        while True:
-            try:
-                sent.append(motions.send(observed))
-            except StopIteration as ended:
-                return ended.value, sent
-            observed = agent.observed(robot.step(sent[-1])[0])
-
-    return trial, made
-
-
-def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
-    robot = Robot(22)
-    trial, made = before_the_dock(robot)
-    trial.find_ways(made(trial.test())[0])
-    before = robot.pose
-    for words in trial.commutator(20.0):
-        robot.step(words)
-    ahead, aside, turn = np.abs(robot.pose - before)
-    assert aside > 2 * ahead
-    assert turn < 1e-9
 
 
 def test_the_oracle_docks_in_a_few_arcs_on_any_wheels():

@@ -75,14 +75,3 @@ def test_hidden_marks_move_with_those_that_are_seen(hidden):
         wrong.append(np.abs(expected - each.after)[~visible].max() / IMAGE_UNIT)
         off_px.append(np.abs(here - each.after)[~visible].max() / IMAGE_UNIT)
     assert np.median(off_px) < 1.5 < 5 < np.median(wrong)
-
-
-def test_a_mark_that_comes_behind_the_camera_is_not_predicted_in_the_image():
-    robot = Robot(6, bend=0.0)
-    model = taught(robot)
-    robot.pose = np.array([-0.6, 0.0, 0.0])
-    start = robot.seen(robot.pose)[0]
-    turn = np.linalg.lstsq(robot.wheels, [0, 0, np.pi], rcond=None)[0]
-    robot.drive(turn)
-    assert (np.abs(robot.seen(robot.pose)[0]) < 1).all()  # projected, though nobody sees them
-    assert (np.abs(model.predict(start, turn)).max(-1) > 1).all()

@@ -22,11 +22,6 @@ from tests.agents.trials import assert_same_arrays, motions_of
 GRASP = "CalFree/Grasp-v0"
 
 
-def looked(env, seed, **options):
-    observation, _ = env.reset(seed=seed, **options)
-    return GraspObservation.of(observation)
-
-
 def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
     records = []
     for seed, shape in enumerate(SHAPE_NAMES * 2):
@@ -143,17 +138,6 @@ def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, an
     edges = np.pi / 2  # the jaws' edges lie across the arm, seen from above
     true = min(abs(edges - angle) % np.pi, np.pi - abs(edges - angle) % np.pi)
     assert abs(turn_needed(orientation, now)) == pytest.approx(true, abs=off)
-
-
-def test_what_is_observed_is_read_as_the_environment_writes_it():
-    env = gym.make(GRASP, camera_mount="stand").unwrapped
-    now = looked(env, 3)
-    arms = env.arms
-    np.testing.assert_allclose(now.points.reshape(-1, 2), arms.points[0], atol=1e-6)
-    np.testing.assert_array_equal(now.visible.ravel(), arms.visible[0])
-    assert now.registers.shape == (ARM + 2,)
-    assert now.opening == 1
-    np.testing.assert_allclose(now.goal.ravel(), arms.goals[0], atol=1e-6)
 
 
 def test_what_it_has_learned_is_saved_and_loaded(tmp_path):

@@ -9,10 +9,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
-from agents.grasp.seen import Lying, Tip
+from agents.grasp.seen import Lying
 from agents.grasp.trial import GraspFindings, GraspTrial, InView
 from agents.grasp.turning import Turning, turn_needed
-from agents.servo.image_model.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
 NUMBER = st.floats(-1.0, 1.0)
@@ -62,33 +61,6 @@ def test_an_angle_needs_the_object_and_the_gripper_in_one_image():
     assert turn_needed("both_images", now) is None
     now.visible[TIP, 1] = False
     assert turn_needed("least_squares", now) is None
-
-
-@given(st.floats(-np.pi / 2, np.pi / 2), st.floats(-0.5, 0.5))
-def test_the_mean_of_both_images_lies_between_them(angle, differ):
-    now = gripper(np.vstack([np.eye(3)[:2], np.eye(3)[:2]]))
-    for image, seen in enumerate((angle + differ, angle - differ)):
-        way = np.array([np.cos(seen), np.sin(seen)])
-        now.points[NAMES.index("end_1"), image], now.points[NAMES.index("end_2"), image] = way, -way
-    assert np.sin(turn_needed("both_images", now) - angle) == pytest.approx(0, abs=1e-6)
-
-
-@pytest.mark.parametrize(("noise_px", "mistaken", "told"), [(0.5, 0, 0.5), (4.0, 0, 2.0), (0.5, 3, 0.5)])
-def test_a_tip_is_as_noisy_as_its_looks_and_some_of_them_are_mistaken(noise_px, mistaken, told):
-    rng = np.random.default_rng(1)
-    slopes = rng.normal(size=(2, 2, ARM))
-    looks = []
-    for each in range(25):
-        now = gripper(rng.normal(size=(4, 3)))
-        now.registers[:ARM] = rng.uniform(-0.3, 0.3, ARM)
-        now.points[TIP] = slopes @ now.registers[:ARM] + noise_px * IMAGE_UNIT * rng.normal(size=(2, 2))
-        now.points[TIP] += 40 * IMAGE_UNIT * (each < mistaken)
-        looks.append(now)
-    function, variance = Tip.of(GaussianProcess.unknown(ARM, ARM), looks, 0.5).explained
-    assert np.sqrt(variance) == pytest.approx(told * IMAGE_UNIT)
-    there = np.array([0.1, -0.1, 0.05])
-    off_px = np.abs(function.at(there).points - slopes @ there).max() / IMAGE_UNIT
-    assert off_px < 2 * noise_px
 
 
 def lifted(turn=0.0, **seen):

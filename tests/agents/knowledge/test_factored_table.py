@@ -60,13 +60,3 @@ def test_the_filter_is_least_squares():
         table.learn(*pair)
     expected = prior @ rows.T @ np.linalg.solve(rows @ prior @ rows.T + noise * np.eye(30), registers)
     np.testing.assert_allclose(table.records, expected, atol=1e-7)
-
-
-def test_a_constant_gain_corrects_a_recall_by_its_rate():
-    table = FactoredTable(1, kalman=False, rate=0.4)
-    table.learn(np.full(4, 0.3), np.ones(1))
-    for registers in (0.5, -0.5):
-        before = table.recall(np.full(4, 0.3)).registers if table.recall(np.full(4, 0.3)) else np.array([0.4])
-        table.learn(np.full(4, 0.3), np.array([registers]))
-        after = table.records[table._between(np.full(4, 0.3))[0]].T @ table._between(np.full(4, 0.3))[1]
-        np.testing.assert_allclose(after, before + 0.4 * (registers - before), atol=1e-9)

@@ -53,27 +53,6 @@ def test_a_fit_to_a_plane_is_the_plane(centre, apart):
     assert variance < 5
 
 
-def test_after_a_jump_neighbours_are_corrected_as_well():
-    knowledge = taught(200)
-    jumped = np.array([0.15, 0.1, 0, 0])
-    before = knowledge.sensors.copy()
-    knowledge.learn(seen(np.array([0.11, 0.12, 0.13])) + jumped, np.array([0.11, 0.12, 0.13]))
-    moved = (knowledge.sensors[: len(before)] - before) @ jumped / (jumped @ jumped)
-    assert np.count_nonzero(moved) == knowledge.neighbours
-    assert 0.2 < moved.max() < 1
-
-
-def test_older_points_weigh_less_where_a_kalman_filter_corrects():
-    constant, kalman = taught(100), taught(100, kalman=True)
-    place = seen(np.array([0.1, 0.1, 0.1]))
-    before = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
-    for _ in range(1000):
-        for knowledge in (constant, kalman):
-            knowledge.learn(seen(np.full(3, -0.3)), np.full(3, -0.3))
-    after = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
-    assert after[1] - before[1] > 2 + after[0] - before[0]
-
-
 @pytest.mark.slow
 def test_skill_improves_by_doing(live, make_env, mount):
     first, last = [], []

@@ -22,18 +22,6 @@ def homes(count, seed, rate_px=0.0):
     return home
 
 
-def test_a_view_that_only_trembles_neither_jumps_nor_drifts():
-    alarms = 0
-    for seed in range(60):
-        home, rng = homes(3, seed), np.random.default_rng(1000 + seed)
-        for number in range(50):
-            seen = rng.normal(0, 0.5 * IMAGE_UNIT, 4)
-            alarms += home.jumped(seen).any()
-            home.add(seen, 0.5, 3 + number)
-            alarms += home.drifting().any()
-    assert alarms <= 3
-
-
 def test_a_view_that_jumps_or_drifts_does_so_in_the_camera_that_moved():
     home = homes(20, 0)
     assert home.jumped(np.array([0, 0, 6 * IMAGE_UNIT, 0])).tolist() == [False, True]
@@ -121,20 +109,6 @@ def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquai
     _, (first, then) = examine(acquainted, *odd)
     assert (first.verdict, then.verdict) == (ChangeVerdict.UNCHANGED, ChangeVerdict.CHANGED)
     assert then.cameras.tolist() == [True, False]
-
-
-def test_homes_count_by_their_trials_and_not_by_their_number():
-    home, drifting = HomeView(), HomeView()
-    for i, number in enumerate([0, 5, 300, 310]):
-        home.add(np.full(4, float(i)), 0.5, number)
-    np.testing.assert_array_equal(home.before(300), np.full(4, 0.5))
-    assert np.isnan(home.before(0)).all()
-    home.keep_since(299)
-    assert home.trials.tolist() == [300, 310]
-    assert home.sensors[:, 0].tolist() == [2.0, 3.0]
-    for number in range(0, 20, 2):
-        drifting.add(np.full(4, 0.001 * number), 0.5, number)
-    np.testing.assert_allclose(drifting.drift_rate(12), 0.001)
 
 
 def test_noise_that_is_hardly_known_yet_raises_few_alarms():

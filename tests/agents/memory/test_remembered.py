@@ -7,9 +7,8 @@ from scipy.optimize import approx_fprime
 import agents
 from agents.base.observation import Observation
 from agents.memory.camera_change import fit_camera
-from agents.memory.pairs import Pairs
 from agents.memory.remembered import KeptLooks, Remembered
-from agents.servo.image_model.gaussian_process import GaussianProcess, solved
+from agents.servo.image_model.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
 from tests.agents.memory.gripper_views import noisy, seen_at, taught, view
@@ -96,21 +95,6 @@ def test_mistaken_looks_are_left_out(monkeypatch):
     assert np.median(np.abs(off(remembered))) < 2 * IMAGE_UNIT
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_of_looks_that_add_equally_little_the_oldest_is_dropped_whatever_rounding_says(monkeypatch, seed):
-    def solved_by_another_kernel(function):
-        inverses, sums = solved(function)
-        return inverses * (1 + 1e-13 * np.random.default_rng(seed).normal(size=inverses.shape)), sums
-
-    monkeypatch.setattr("agents.memory.remembered.solved", solved_by_another_kernel)
-    kept = KeptLooks(3, 3, len(PLACES))
-    for place in [*PLACES, *PLACES[[3, 3, 3]]]:
-        points = np.full((2, 2), float(len(kept)))
-        kept.function = kept.function.with_look(place, points, IMAGE_UNIT**2, np.ones(2, bool))
-    kept._drop()
-    assert kept.function.looks.points[:, 0, 0].tolist() == [0, 1, 2, 4, 5, 6, 7, 10]
-
-
 def test_what_is_learned_anew_is_as_probable_as_noise_has_it_whatever_noise_was_assumed_before():
     registers = np.random.default_rng(5).uniform(-0.5, 0.5, (6, 3))
     seen = seen_at(registers, noisy(np.random.default_rng(6), view(registers), 4), 4)
@@ -159,19 +143,6 @@ def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live,
     _, lengths = live("memory", env, motions=220)
     assert np.mean(lengths[60:-1]) < 1.2
     assert np.mean(lengths[60:-1]) < np.mean(lengths[:3]) / 2
-
-
-def test_looks_of_an_object_that_home_did_not_show_tell_nothing_of_it():
-    points = np.zeros((4, 2))
-    hidden = Observation(points, np.array([True, True, True, False]), np.zeros(3))
-    looks = [hidden, Observation(points + 0.1, np.ones(4, bool), np.full(3, 0.2))]
-    pairs = Pairs.of_trial(looks, 0.5, 0)
-    assert len(pairs) == 2
-    assert np.isnan(pairs.objects).all()
-    remembered = Remembered(3)
-    remembered.learn(pairs)
-    assert (len(remembered.gripper), len(remembered.object)) == (2, 0)
-    assert np.isfinite(remembered.learn_anew(pairs))
 
 
 def test_it_drops_what_the_others_tell_and_stays_as_good():

@@ -162,28 +162,6 @@ def test_a_changed_camera_sees_what_one_of_the_environment_sees_there(mount, mak
         )
 
 
-def test_motors_come_in_any_order_with_any_sign():
-    robots = TrainingRobots(worlds(), 50)
-    words = 0.1 * torch.rand(50, 3)
-    robots.move(words, torch.ones(50, dtype=torch.bool))
-    torch.testing.assert_close(robots.look().registers, words)
-    assert len({tuple(row) for row in torch.sign(robots._registers).tolist()}) > 4
-
-
-def test_a_robot_goes_home_to_another_object_and_the_others_go_on():
-    robots = TrainingRobots(worlds(), 50)
-    robots.move(torch.full((50, 3), 0.1), torch.ones(50, dtype=torch.bool))
-    first, home = robots.look(), torch.arange(50) < 25
-    robots.begin_trials(home)
-    second = robots.look()
-    assert not second.registers[home].any()
-    torch.testing.assert_close(second.registers[~home], first.registers[~home])
-    torch.testing.assert_close(second.true_points[~home], first.true_points[~home])
-    assert (second.true_points != first.true_points)[home, 2:].flatten(1).any(1).float().mean() > 0.8
-    assert robots.trials.tolist() == [2] * 25 + [1] * 25
-    assert robots.motions.tolist() == [0] * 25 + [1] * 25
-
-
 class LinearServo(RecurrentServoNetwork):
     """Test words and a linear feedback: simple enough for differences of the loss to be exact."""
 

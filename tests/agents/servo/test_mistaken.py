@@ -8,7 +8,6 @@ from agents.servo.image_model.gaussian_process import (
     odds_by_the_rest,
     price,
     right_looks,
-    solved,
 )
 from calfree_gym.image import IMAGE_UNIT
 
@@ -17,10 +16,7 @@ SEEN = np.ones(2, bool)
 
 
 def scene(seed, looks=30, mistaken=0.08):
-    """Places (n, 3), what is seen there (n, 2, 2), which of it is mistaken (n, 2), and where the point is.
-
-    Few are: of those, most never pass the gates.
-    """
+    """Places (n, 3), what is seen there (n, 2, 2), which of it is mistaken (n, 2), and where the point is."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(-0.6, 0.6, (looks, 3))
     bends = rng.normal(scale=0.3, size=(2, 2, 3))
@@ -66,18 +62,3 @@ def test_each_is_judged_by_those_that_stay():
             assert odds == pytest.approx(
                 off / (2 * variance) + np.log(2 * np.pi * variance) + price(), rel=1e-4
             )
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_of_two_looks_that_contradict_each_other_the_first_is_mistaken_whatever_rounding_says(
-    monkeypatch, seed
-):
-    def solved_by_another_kernel(function):
-        noise = 1 + 1e-13 * np.random.default_rng(seed).normal(size=(2, len(function.looks.places)))
-        inverses, sums = solved(function)
-        return inverses, sums * noise[:, :, None]
-
-    monkeypatch.setattr("agents.servo.image_model.gaussian_process.solved", solved_by_another_kernel)
-    places = np.zeros((2, 3))
-    points = np.array([[[0.5, 0.0], [0.0, 0.0]], [[-0.5, 0.0], [0.0, 0.0]]])
-    assert right_looks(looked(places, points)).tolist() == [[False, True], [True, True]]

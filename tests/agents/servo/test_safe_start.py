@@ -138,15 +138,6 @@ def test_a_servo_stays_on_its_leash(start, asked):
     carry_out(leash.hold(np.array(words) for words in asked), observed)
 
 
-@pytest.mark.parametrize("factor", [1.0, -1.0])
-def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_expected(factor):
-    arm, words = LinearArm((400, 400, 400)), np.array([0.05, 0.03, 0.0])
-    before = arm.observed()
-    leash = leash_of(before, view_of(arm, factor), 0.05)
-    leash.learn(words, before, arm.observed(words))
-    assert np.sign(leash.length_px - Leash.FIRST_PX) == factor
-
-
 @pytest.mark.parametrize("px", [100.0, 40.0, 4.0])
 def test_motions_near_the_object_are_short(px):
     arm = LinearArm((400, 400, 400))

@@ -1,15 +1,11 @@
 """The servos against the numbers asked of them, cameras rolled while they work, and what they remember."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.servo.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
-from calfree_gym.tasks.reach import PRIVILEGED
-from tests.agents.neural.quick import QUICK
 
 SERVOS = [
     ("work_plane_servo", {}),
@@ -76,28 +72,3 @@ def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, name, setting
     again.save(tmp_path / "servo.npz")
     found = fresh.load(tmp_path / "servo.npz").slopes.registers
     np.testing.assert_array_equal(found, [0.1, -0.2, 0.3], "over other procedures it does not begin at home")
-
-
-SLOW = {"body_schema", "self_calibrating"}
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in agents.names()]
-)
-def test_an_agent_needs_nothing_of_info_and_no_reward_that_it_does_not_declare(make_env, name):
-    class Blind(gym.Wrapper):
-        def reset(self, **arguments):
-            return self.env.reset(**arguments)[0], {}
-
-        def step(self, action):
-            observation, reward, terminated, truncated, _ = self.env.step(action)
-            return observation, reward if name in QUICK else np.nan, terminated, truncated, {}
-
-    words = []
-    for wrapper in (lambda env: env, Blind):
-        env = make_env(tell=() if name in QUICK else tuple(PRIVILEGED))
-        env.reset(seed=3)
-        agent = agents.make(name, wrapper(env), **QUICK.get(name, {})).learn(150)
-        words.append(agent.predict(env.reset()[0])[0])
-    np.testing.assert_array_equal(*words)
-    assert name in QUICK or PriorKnowledge.REWARD not in agent.prior_knowledge

@@ -117,17 +117,6 @@ def test_a_motor_always_stands_between_its_stops(registers, motions):
         assert (registers <= stops.highest).all()
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_test_word_keeps_its_sign_where_it_brings_the_gripper_neither_nearer_nor_farther(arm, seed):
-    rng = np.random.default_rng(seed)
-    turned = np.linalg.qr(rng.normal(size=(4, 4)))[0]
-    arm.home = np.concatenate([0.2 * turned[0].reshape(2, 2), np.zeros((2, 2))])
-    trial = trial_of(arm, TestMotions(3))
-    trial.estimator.jacobian[:4, 0] = turned[1]
-    trial.test_words[:] = 0.04
-    assert next(trial.test(0))[0] == 0.04
-
-
 STEP_PX, STEP_WORD, BORDER = 100.0, 0.5, 0.9
 
 

@@ -9,14 +9,7 @@ import agents
 
 
 class LinearWorld(gym.Env):
-    """Image points that registers move linearly: gripper = home + J registers; the object stands still.
-
-    Attributes:
-        jacobian: Of the gripper's sensor vector by registers (4, m).
-        signs: Of the motors (m,).
-        noise, outliers: Standard deviation of image points, and share of them that stand anywhere.
-        unit: Image points are this many times as long.
-    """
+    """Image points that registers move linearly: gripper = home + J registers; the object stands still."""
 
     def __init__(self, motors=3, seed=0, noise=0.0, outliers=0.0, unit=1.0, tolerance=0.03):
         self.rng = np.random.default_rng(seed)

@@ -41,14 +41,6 @@ def test_consecutive_pairs_go_forwards():
     np.testing.assert_allclose(steps, [0.1, 0.3, 0.5, 0.7])
 
 
-def test_what_is_doubted_is_marked_and_no_pair_spans_the_change():
-    replay = filled(trials=30, each=4)
-    replay.doubt(replay.added - 42)  # in the middle of a trial
-    pairs = replay.sample(4000, np.random.default_rng(0))
-    assert pairs.doubtful.mean() == pytest.approx(0.5, abs=0.05)
-    assert np.bincount(replay.trials - replay.trials.min()).tolist()[18:22] == [4, 2, 2, 4]
-
-
 def test_saved_and_restored_it_draws_alike():
     replay = filled(trials=30, capacity=60)
     replay.doubt(replay.added - 20)
