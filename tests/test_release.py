@@ -12,7 +12,6 @@ import calfree_gym
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-WORKFLOWS = {path.name: path.read_text() for path in (ROOT / ".github/workflows").glob("*.yml")}
 EXTRAS = ("agents", "experiments", "perturb", "vision", "cluster")
 ENVIRONMENTS_NEED = {"mujoco": "3.17"}
 """More than `Perturb` does, see `calfree_gym.robot.simulation`."""
@@ -32,12 +31,6 @@ def test_the_lowest_versions_are_those_that_the_project_allows():
     assert lowest.keys() == bounds.keys()
     for name, bound in bounds.items():
         assert f"{lowest[name]}.".startswith(f"{bound}."), name
-
-
-def test_the_wheel_is_tried_with_every_python_that_is_named():
-    named = {each.rpartition(" ")[2] for each in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", each)}
-    jobs = yaml.safe_load(WORKFLOWS["tests.yml"])["jobs"]
-    assert {each["python"] for each in jobs["wheel"]["strategy"]["matrix"]["include"]} == named
 
 
 def test_whatever_ships_trained_or_tuned_has_a_card():

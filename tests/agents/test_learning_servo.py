@@ -60,22 +60,6 @@ def test_trials_that_end_before_anything_was_seen_teach_nothing(make_env, share)
     assert agent.num_timesteps == 300
 
 
-def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp_path):
-    env, damaged = make_env(), tmp_path / "damaged.npz"
-    agents.make("memory", env).learn(30).save(tmp_path / "whole.npz")
-    with np.load(tmp_path / "whole.npz") as file:
-        arrays = dict(file)
-    fresh = agents.make("memory", env)
-    for name in ("gripper/places", "object/lengths", "home", "usual_scores", "clock", "suspects/trials"):
-        np.savez(damaged, **{key: array for key, array in arrays.items() if key != name})
-        with pytest.raises(ValueError, match=r"damaged\.npz is damaged"):
-            fresh.load(damaged)
-        assert fresh.num_timesteps == 0
-        assert len(fresh.adaptation.known.gripper) == 0
-    with pytest.raises(ValueError, match=r"on_change=recognise.*on_change=keep"):
-        agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
-
-
 class Notes:
     """Knows nothing, and notes what it is taught: the object as seen from home, and registers."""
 

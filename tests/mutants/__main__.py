@@ -107,7 +107,11 @@ def _pytest(copy: Path, arguments: Sequence[str], quiet: bool, seconds: float) -
     process = subprocess.Popen(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
         cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},  # two edits in a second look alike
+        env={
+            **os.environ,
+            "PYTHONPATH": str(copy),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        },  # two edits in a second look alike
         stdout=output,
         stderr=output,
         start_new_session=True,

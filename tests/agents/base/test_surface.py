@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base import storage
 from agents.base.prior_knowledge import PriorKnowledge
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.agents.neural.quick import QUICK
@@ -89,6 +90,18 @@ def test_an_agent_loads_from_paths_and_open_files_and_acts_and_learns_on_alike(l
     assert env.unwrapped.world == held_out.unwrapped.world
     agent.save(file := BytesIO())
     assert make(name)[0].load(file).num_timesteps == 80, "from its beginning: it stands at its end"
+
+
+@pytest.mark.parametrize("learned", [name for name in NAMES if name not in agents.NEURAL], indirect=True)
+def test_an_array_of_another_shape_is_refused_by_name_and_changes_nothing(learned):
+    name, agent, _ = learned
+    other, _ = make(name)
+    before, arrays = saved(other), agent.arrays()
+    for key, array in ((key, array) for key, array in arrays.items() if array.size):
+        storage.save(file := BytesIO(), agent.kind, {**arrays, key: array[..., None]}, 80, 3)
+        with pytest.raises(ValueError, match=f"damaged.*{key.split('/')[-1]}"):
+            other.load(file)
+        assert saved(other) == before
 
 
 @pytest.mark.parametrize("name", ["memory", "recurrent_servo", "sac"])

@@ -5,7 +5,6 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.base import storage
 from agents.base.observation import Observation
 from agents.calibrated.identification import identify
 from agents.calibrated.prediction import Measurements, named
@@ -47,12 +46,6 @@ def test_what_is_identified_predicts_what_was_not_seen(noise_free, mount, seed):
         assert lengths_px(predicted - trial.points)[trial.seen].max() < 2
 
 
-def test_it_reaches_in_wild_worlds_beginning_with_nothing(reach, mount):
-    share, motions, _ = reach("self_calibrating", range(3020, 3035), mount, camera_mount=mount)
-    assert share >= 0.93
-    assert motions <= 9
-
-
 @pytest.mark.parametrize(
     ("worlds", "trials", "least", "typical"),
     [
@@ -82,14 +75,6 @@ def test_it_keeps_determining_the_parameters(live, make_env, mount, change):
     assert np.mean(motions[5:]) <= 2.5
 
 
-@pytest.fixture(scope="module")
-def learned(make_env):
-    """A robot that has identified itself in a wild world."""
-    env = make_env()
-    env.reset(seed=3000)
-    return agents.make("self_calibrating", env).learn(12)
-
-
 def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):
     env = make_env()
     env.reset(seed=3004)
@@ -97,30 +82,6 @@ def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):
     for name, values in named(robot.calibration.known.parameters).items():
         assert (np.abs(values) < 1e-6).all() == (name in ("motor_curvature", "lens_k1"))
     assert all(record.rendezvous for record in evaluate(robot, env, trials=4, seed=8))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        ("points", np.zeros((5, 4)), r"points have shape \(5, 4\), here \(any, 4, 2\) is wanted"),
-        ("seen", np.ones((3, 4), bool), "seen have shape"),
-        ("registers", np.zeros((2, 3)), "registers have shape"),
-        ("parameters", np.zeros(30), r"parameters have shape \(30,\), here \(31\) is wanted"),
-        ("objects", np.zeros((0, 3)), "objects have shape"),
-        ("signs", None, "holds no signs"),
-        ("residuals_px", None, "holds no residuals_px"),
-        ("trial", np.full(1000, 1), "trial have shape"),
-    ],
-)
-def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, name, value, error):
-    arrays = learned.arrays() | {name: value}
-    if value is None:
-        del arrays[name]
-    storage.save(tmp_path / "damaged.npz", learned.kind, arrays, 12, 3)
-    robot = agents.make("self_calibrating", learned.env)
-    with pytest.raises(ValueError, match=f"damaged.npz is damaged: .*{error}"):
-        robot.load(tmp_path / "damaged.npz")
-    assert not robot.arrays()
 
 
 USUAL, INCONSISTENT, NEAR_PX, FAR_PX, NOISE_PX = 4.0, 60.0, 1.0, 5.0, 0.5

@@ -84,19 +84,3 @@ def test_what_is_restored_recalls_and_learns_alike_and_what_was_handed_out_stays
             for key, array in arrays.items():
                 np.testing.assert_array_equal(array, before[key])
     assert recalled(knowledge, places) == recalled(again, places)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_foreign_shapes_are_not_restored(name):
-    knowledge, other = taught(name), taught(name)
-    places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
-    before = recalled(knowledge, places)
-    for key, array in other.arrays().items():
-        with pytest.raises(ValueError, match=f"{key}.*shape"):
-            knowledge.restore({**other.arrays(), key: array[..., None]})
-        with pytest.raises(ValueError, match=f"holds no {key}"):
-            knowledge.restore({k: v for k, v in other.arrays().items() if k != key})
-    foreign = agents.KNOWLEDGE[name](2)
-    with pytest.raises(ValueError, match="shape"):
-        foreign.restore(other.arrays())
-    assert recalled(knowledge, places) == before

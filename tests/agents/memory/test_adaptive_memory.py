@@ -5,8 +5,9 @@ import pytest
 
 import agents
 from agents.base.observation import Observation
-from agents.memory.adaptive_memory import AdaptiveMemory, Change, WorldEvent
+from agents.memory.adaptive_memory import AdaptiveMemory, Archive, Change, WorldEvent
 from agents.memory.detector import ChangeVerdict, Finding
+from agents.memory.remembered import Remembered
 from calfree_gym.perturbations import CameraAim, CameraReplace
 from tests.agents.memory.gripper_views import known, trial, wild
 from tests.agents.trials import assert_same_arrays
@@ -158,3 +159,17 @@ def test_an_arm_that_changed_in_mid_trial_is_not_taken_for_the_old_one_where_hom
     env = make_env(world="wild", perturbations=reverse, terminate_on_success=False, max_episode_steps=4)
     agent, _ = live("memory", env, 640000, motions=4 * 22)
     assert [event.trial for event in agent.adaptation.events] == [(motion + 1) // 4]
+
+
+@pytest.mark.parametrize("seed", [4112, 4113])
+def test_the_old_world_is_found_and_agrees_and_another_one_does_not(seed):
+    old = wild(seed)
+    new = CameraReplace(camera="left").apply(old, np.random.default_rng(0))
+    archive = Archive()
+    archive.add(known(old).arrays(), np.mean([trial(old, i, 0).sensors[0] for i in range(5)], 0))
+    back, elsewhere = trial(old, 99), trial(new, 99)
+    assert archive.find(elsewhere.sensors[0], 0.7) is None
+    found = Remembered(3).copy_of(archive.find(back.sensors[0], 0.7))
+    now = known(new)
+    assert found.agrees_with(back, now)
+    assert not found.agrees_with(elsewhere, now)

@@ -40,12 +40,16 @@ def test_views_are_the_posterior_of_the_kernel_as_defined(count):
     remembered.gripper.map(looks.places, looks.points, np.array([3 * IMAGE_UNIT, 0.0]))
     remembered.learn(seen_at(PLACES[:2], view(PLACES[:2])))
     function = remembered.gripper.function
-    for place in PLACES[2:]:
+    for place, points, variances, slopes in zip(PLACES, *function.at_all(PLACES), strict=True):
         expected = function.at(place)
         for image in range(2):
             mean, variance = textbook(function.looks, function.lengths[function.best], place, image)
             np.testing.assert_allclose(expected.points[image], mean, atol=1e-5)
             assert expected.variances[image] == pytest.approx(variance, rel=1e-3, abs=1e-8)
+        for alone, together in zip(expected, (points, variances, slopes), strict=False):
+            np.testing.assert_allclose(together, alone, atol=1e-9)
+        derivative = approx_fprime(place, lambda x: function.at(x).points.ravel(), 1e-5)
+        np.testing.assert_allclose(slopes.reshape(4, 3), derivative, atol=1e-4)
 
 
 @pytest.mark.parametrize(("off", "right"), [(0.0, 0), (0.6, 1)])
@@ -63,18 +67,6 @@ def test_later_looks_tell_how_far_earlier_ones_are_off(off, right):
         points, variance = textbook(looks, earlier.lengths[earlier.best], PLACES[6], image)
         np.testing.assert_allclose(expected.points[image], points, atol=1e-6)
         np.testing.assert_allclose(expected.variances[image], variance, atol=1e-6)
-
-
-def test_many_places_at_once_are_the_same_and_slopes_are_derivatives():
-    function = taught(40).gripper.function
-    points, variances, slopes = function.at_all(PLACES)
-    for i, place in enumerate(PLACES):
-        expected = function.at(place)
-        np.testing.assert_allclose(points[i], expected.points, atol=1e-9)
-        np.testing.assert_allclose(variances[i], expected.variances, atol=1e-9)
-        np.testing.assert_allclose(slopes[i], expected.slopes, atol=1e-9)
-        derivative = approx_fprime(place, lambda x: function.at(x).points.ravel(), 1e-5)
-        np.testing.assert_allclose(slopes[i].reshape(4, 3), derivative, atol=1e-4)
 
 
 def off(remembered):

