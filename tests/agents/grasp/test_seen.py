@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
 from agents.grasp.seen import Lying
-from agents.grasp.trial import GraspFindings, GraspTrial, InView
+from agents.grasp.trial import GraspFindings, GraspTrial
 from agents.grasp.turning import Turning, turn_needed
 from calfree_gym.image import IMAGE_UNIT
 
@@ -116,22 +116,3 @@ def test_what_lies_still_has_not_moved_and_what_was_pushed_has(seed, turns):
     target = known.points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), VARIANCE)
     there = look_at(np.random.default_rng(0), slopes, np.array([0.0, 0.03, 0.0]), by).points[OBJECT]
     assert target.at(np.array([0.0, 0.03, 0.0])).object.points == pytest.approx(there, abs=5 * IMAGE_UNIT)
-
-
-def test_a_tip_that_was_not_seen_twice_is_lost_and_words_get_shorter_until_it_is_seen_again():
-    there = seen([0.1, 0.2, 0.3, 0.4, 0.0])
-    view = InView(there)
-    gone = replace(seen([0.5] * 5, tip=False))
-    view.look(gone, True)
-    assert not view.lost
-    assert view.shorter == 1
-    view.look(gone, False)
-    assert view.lost
-    assert view.shorter == 0.5
-    assert (view.registers == there.registers).all()
-    view.look(seen([0.2] * 5), False)
-    assert not view.lost
-    assert view.shorter == 0.5
-    view.look(seen([0.3] * 5), True)
-    assert view.shorter == 1
-    assert (view.registers == 0.3).all()

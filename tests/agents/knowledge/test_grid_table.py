@@ -49,18 +49,6 @@ def test_a_trial_cut_off_teaches_nothing(make_env):
     assert np.isnan(agent.knowledge.records).all()
 
 
-def test_a_kalman_filter_corrects_what_is_uncertain():
-    known, new, tables = np.full(4, -0.5), np.array([0.5, -0.5, -0.5, -0.5]), []
-    for kalman in (False, True):
-        tables.append(GridTable(1, cells=2, kalman=kalman))
-        for _ in range(30):
-            tables[-1].learn(known, np.zeros(1))
-        tables[-1].learn(new, np.ones(1) * 0.8)
-    constant, kalman = (table.recall(known).registers[0] for table in tables)
-    assert abs(kalman) < 0.5 * abs(constant)
-    assert min(table.recall(new).registers[0] for table in tables) > 0.5
-
-
 def test_a_kalman_filter_averages_noise_and_forgets_when_time_goes_by():
     noise, misses = np.random.default_rng(0).normal(0, 0.1, 200), []
     for kalman in (False, True):

@@ -9,29 +9,7 @@ from hypothesis import strategies as st
 import agents
 from agents.grasp.observation import NAMES, GraspObservation
 from agents.grasp.turning import direction_key, directions, quarter
-from agents.knowledge.factored_table import FactoredTable
-from agents.knowledge.grid_table import GridTable
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
-
-
-def registers_of(key):
-    """What leads to an object: smooth, and for the last motor mostly a matter of its direction."""
-    x, y = key[:4] @ [0.3, 0.1, 0.2, 0.1], key[:4] @ [0.1, 0.4, -0.1, 0.2]
-    return np.array([x, y + 0.1 * x * x, 0.3 * x - y, 0.6 * key[4] + 0.1 * key[5] + 0.1 * x])
-
-
-def test_a_grid_of_six_dimensions_knows_nothing_beyond_a_cell_and_factored_tables_do():
-    grid, factored = GridTable(4, dimensions=6), FactoredTable(4, dimensions=6)
-    assert len(grid.records) == 9**6
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        key = rng.uniform(-0.7, 0.7, 6)
-        for table in (grid, factored):
-            table.learn(key, registers_of(key))
-    elsewhere = rng.uniform(-0.7, 0.7, (50, 6))
-    assert sum(grid.recall(key) is not None for key in elsewhere) <= 2
-    missed = [np.abs(factored.recall(key).registers - registers_of(key)).max() for key in elsewhere]
-    assert np.median(missed) < 0.05
 
 
 def looked(edge, axis):

@@ -16,17 +16,10 @@ def wild(seed):
     return env.unwrapped.world
 
 
-def trial(world, number, places=4, reach=0.4, mount="stand"):
+def trial(world, number, places=4):
     """Pairs of one trial: at home, then at random registers where both cameras see the gripper."""
-    env = gym.make(
-        "CalFree/Reach-v0",
-        world=world,
-        camera_mount=mount,
-        dynamics="kinematic",
-        terminate_on_success=False,
-        keep_in_view=False,
-        max_episode_steps=1_000,
-    )
+    endless = {"terminate_on_success": False, "keep_in_view": False, "max_episode_steps": 1_000}
+    env = gym.make("CalFree/Reach-v0", world=world, camera_mount="stand", dynamics="kinematic", **endless)
     observation, _ = env.reset(seed=number)
     rng, looks = np.random.default_rng(number), []
     while len(looks) <= places:
@@ -34,16 +27,16 @@ def trial(world, number, places=4, reach=0.4, mount="stand"):
         if now.visible[:2].all():
             shown = now.visible & np.repeat([True, bool((looks or [now])[0].visible[2:].all())], 2)
             looks.append(now.estimated(now.points, shown))
-        words = rng.uniform(-reach, reach, 3) - now.registers
+        words = rng.uniform(-0.4, 0.4, 3) - now.registers
         observation, *_ = env.step((words if looks else np.zeros(3)).astype(np.float32))
     return Pairs.of_trial(looks, 0.5, number)
 
 
-def known(world, trials=30, learn=None, mount="stand"):
+def known(world, trials=30, learn=None):
     """What is remembered of a world after so many trials; `learn` is given each of them first."""
     remembered = Remembered(3)
     for number in range(trials):
-        pairs = trial(world, number, mount=mount)
+        pairs = trial(world, number)
         if learn is not None:
             learn(pairs, remembered)
         remembered.learn(pairs)
@@ -62,9 +55,8 @@ def seen_at(registers, sensors, noise_px=0.5):
     """Pairs of gripper points alone."""
     count = len(registers)
     nothing = np.full((count, 4), np.nan)
-    return Pairs(
-        registers, sensors, nothing, np.zeros((count, 4)), np.full(count, noise_px), np.arange(count)
-    )
+    noises = np.full(count, noise_px)
+    return Pairs(registers, sensors, nothing, np.zeros((count, 4)), noises, np.arange(count))
 
 
 def noisy(rng, sensors, noise_px=0.5):

@@ -126,18 +126,6 @@ def looks_of(seen):
     return [Observation(*each) for each in zip(np.nan_to_num(shown), visible, seen.registers, strict=True)]
 
 
-def test_a_camera_that_does_not_show_home_tells_of_no_change():
-    adaptation = AdaptiveMemory(known(wild(0), 12))
-    for number in range(12, 16):
-        pairs = trial(wild(0), number)
-        adaptation.detector.home.add(pairs.sensors[0], 0.5, number)
-    points = np.concatenate([pairs.sensors[0], pairs.homes[0]]).reshape(4, 2)
-    points[0] += 0.3
-    for seen, knows in (([True] * 4, False), ([False, True, True, True], True)):
-        home = Observation(points, np.array(seen), np.zeros(3))
-        assert (adaptation.known_for(home) is not None) == knows
-
-
 def test_changes_that_do_not_outlast_their_trial_leave_what_is_known_right():
     world, rng = wild(4112), np.random.default_rng(0)
     memory = AdaptiveMemory(known(world, 4))

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.base.observation import camera_lengths_px
-from agents.memory.camera_change import CameraMap, fit_camera
-from agents.memory.explanation import as_seen_now, explain_drift, explain_jump, fit_arm
+from agents.memory.camera_change import fit_camera
+from agents.memory.explanation import as_seen_now, explain_drift, explain_jump
 from agents.memory.pairs import Pairs
 from agents.memory.remembered import Remembered
 from calfree_gym.image import IMAGE_UNIT, lengths_px
@@ -43,29 +43,6 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
     assert np.median(off) < 3
     assert change.deviation_px[0] == 0
     assert change.deviation_px[1] < 4
-
-
-@settings(max_examples=30)
-@given(st.sampled_from([-1.0, 1.0]), st.floats(0.7, 1.4), st.floats(-0.1, 0.1))
-def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):
-    once = PLACES[:, :3] * 0.8
-    now = once.copy()
-    now[:, 1] = once[:, 1] * sign * gain + zero
-    change = fit_arm(KNOWLEDGE, seen_at(now, noisy(np.random.default_rng(1), view(once))))
-    np.testing.assert_allclose(change.scale, [1, sign * gain, 1], atol=0.06)
-    np.testing.assert_allclose(change.offset, [0, zero, 0], atol=0.03)
-    assert change.deviation_px.max() < 4
-
-
-def test_the_derivative_of_a_camera_map_is_its_slope():
-    rng = np.random.default_rng(3)
-    parameters = rng.uniform(-0.3, 0.3, 12)
-    parameters[0] += 1
-    own, depth = rng.uniform(-1, 1, (2, 5, 2))
-    derivative = CameraMap(parameters).derivative(own, depth)
-    for slope, step in zip(derivative.T, 1e-6 * np.eye(12), strict=True):
-        ahead, behind = (CameraMap(parameters + sign * step)(own, depth) for sign in (1, -1))
-        np.testing.assert_allclose(slope, (ahead - behind).ravel() / 2e-6, atol=1e-7)
 
 
 @pytest.fixture(scope="module", params=[4114, 4115])

@@ -1,7 +1,5 @@
 """The adapter of stable-baselines3: algorithms by name, networks' inputs, rows."""
 
-import os
-import tempfile
 from pathlib import Path
 
 import gymnasium as gym
@@ -95,12 +93,3 @@ def test_hindsight_relabels_with_places_that_the_gripper_came_to():
     reached = agent._model.replay_buffer.next_observations["achieved_goal"][:130, 0]
     goals = sample.observations["desired_goal"].numpy()
     assert sum((goal == reached).all(1).any() for goal in goals) > 20
-
-
-def test_learning_leaves_no_folders_behind(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    for name in ("sac", "ppo"):
-        agent = make(name).learn(30)
-        agent.save(tmp_path / "agent.zip")
-        make(name).load(tmp_path / "agent.zip").learn(30)
-    assert os.listdir(tmp_path) == ["agent.zip"]

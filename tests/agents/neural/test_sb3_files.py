@@ -17,19 +17,17 @@ from tests.agents.neural.sb3_learners import make, weights
 
 
 def test_files_of_other_learners_are_refused(tmp_path):
-    saved = tmp_path / "sac.zip"
+    saved, more = tmp_path / "sac.zip", gym.make("CalFree/ReachDense-v0", tell=("joint_angles",))
     make().save(saved)
     for name, settings, message in (
         ("td3", {}, "algorithm stable_baselines3.SAC; this one has stable_baselines3.TD3"),
         ("sac", {"word_limit": 0.77}, r"'limit': [\d.]+.*this one has .*'limit': 0.77"),
         ("sac", {"net_arch": [17]}, r"'net_arch': \[16\].*this one has .*'net_arch': \[17\]"),
         ("sac", {"distance_scales": []}, "'distance_scales'.*this one has"),
+        ("sac", {"env": more}, r"'observation': \[7\].*this one has .*'joint_angles': \[5\]"),
     ):
         with pytest.raises(ValueError, match=message):
             make(name, **settings).load(saved)
-    more = gym.make("CalFree/ReachDense-v0", tell=("joint_angles",))
-    with pytest.raises(ValueError, match=r"'observation': \[7\].*this one has .*'joint_angles': \[5\]"):
-        make(env=more).load(saved)
     saved.write_bytes(saved.read_bytes()[:200])
     with pytest.raises(ValueError, match="damaged or no saved learner"):
         make().load(saved)

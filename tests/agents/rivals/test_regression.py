@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from agents.rivals.monomials import exponents, monomials
 from agents.rivals.regression import BayesianRegression
 from agents.rivals.residuals import ResidualProcess
 
@@ -25,16 +24,6 @@ def test_however_looks_come_they_give_the_least_squares_with_the_prior_as_looks_
     np.testing.assert_allclose(
         regression.variances(features), np.einsum("ni,ij,nj->n", features, inverse, features), rtol=1e-8
     )
-
-
-def test_monomials_are_products_of_powers():
-    powers = exponents((2, 1), (2, 1), 2)
-    assert sorted(map(tuple, powers.tolist())) == sorted(
-        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (1, 1, 0), (0, 2, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]
-    )
-    values = np.random.default_rng(0).normal(size=(4, 3))
-    for column, power in zip(monomials(values, powers).T, powers, strict=True):
-        np.testing.assert_allclose(column, np.prod(values**power, axis=1))
 
 
 def test_residuals_are_met_where_they_were_seen_and_fade_far_away():

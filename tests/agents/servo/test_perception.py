@@ -53,18 +53,6 @@ def test_points_outside_their_gates_are_trusted_where_two_observations_agree_and
     assert agreeing.inconsistent.tolist() == [True, False, False, False]
 
 
-def test_gates_get_narrower_the_more_mistaken_points_have_been_met():
-    gating, widths = Gating(), []
-    for far in [0.0] * 5 + [200.0] * 5:
-        widths.append(gating.radii(np.full(4, 5.0), 0.7)[0])
-        observations = [seen([far, 0.0]), seen([0.0, 0.0])]
-        gating.count(observations, gating.estimate(observations, PREDICTED, RADII, 0.7), 0.7)
-    widths.append(gating.radii(np.full(4, 5.0), 0.7)[0])
-    assert np.all(np.diff(widths[:6]) > 0)
-    assert np.all(np.diff(widths[5:]) < 0)
-    assert widths[-1] < 0.8 * widths[5]
-
-
 ALL, HIDDEN = np.ones(4, bool), np.array([True, False, True, True])
 
 

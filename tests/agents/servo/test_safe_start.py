@@ -138,16 +138,6 @@ def test_a_servo_stays_on_its_leash(start, asked):
     carry_out(leash.hold(np.array(words) for words in asked), observed)
 
 
-@pytest.mark.parametrize("px", [100.0, 40.0, 4.0])
-def test_motions_near_the_object_are_short(px):
-    arm = LinearArm((400, 400, 400))
-    view, now = view_of(arm), arm.observed()
-    points = np.vstack([now.points[:2], now.points[:2] + px * IMAGE_UNIT * np.eye(2)])
-    allowed = leash_of(replace(now, points=points), view).allowed(np.array([0.5, 0.0, 0.0]), np.zeros(3))
-    longest = min(Leash.FIRST_PX, max(Leash.OF_DISTANCE * px, Leash.NEAR_PX))
-    assert view.moved_px(allowed) == pytest.approx(longest)
-
-
 def gone_straight(arm):
     """What holds an arm, and its registers after each motion, when it has gone to the object."""
     view = view_of(arm, variance=1e-8)

@@ -31,7 +31,7 @@ REACH = [
     ("self_calibrating", {}, range(3020, 3035), {}, 0.93, 9, np.inf),
     ("recurrent_servo", {}, range(1000, 1008), {}, 1, 8, np.inf),
 ]
-"""Worlds (none was seen in training), the share in which they reach, and medians of motions and millimetres."""
+"""Worlds (none seen in training), the share in which they reach, and medians of motions and millimetres."""
 
 
 @pytest.mark.parametrize(("name", "settings", "worlds", "options", "least", "most_motions", "most_mm"), REACH)

@@ -153,21 +153,6 @@ def test_slopes_from_before_save_looks_and_are_dropped_where_they_do_not_hold(rn
     assert off(Slopes.of(-before)) < 1.5 * off(None)
 
 
-def test_looking_anew_keeps_slopes_and_forgets_where_points_were(rng):
-    points, _ = wavy(rng, 2.0)
-    known = looked(points, rng.uniform(-0.1, 0.1, (7, MOTORS)))
-
-    def moved(registers):
-        return points(registers) + 0.5
-
-    here = np.zeros(MOTORS)
-    last = known.at(here).jacobian
-    known.look_anew(Observation(moved(here), np.ones(4, bool), here), NOISE_PX)
-    near = np.full(MOTORS, 0.02)
-    np.testing.assert_allclose(known.at(here).points, moved(here), atol=0.05)
-    assert np.abs(known.at(near).jacobian - last).max() < np.abs(last).max()
-
-
 def test_without_earlier_trials_it_is_as_if_there_had_been_none(rng, scene):
     points, at, seen, start = scene
     elsewhere, _ = wavy(rng, 1.0)
