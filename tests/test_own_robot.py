@@ -187,20 +187,6 @@ def test_errors_of_registers_are_found(noise, step, shortfall, size):
     np.testing.assert_allclose(found.shortfall, shortfall, atol=3 * own_robot.UNSURE)
 
 
-def test_nothing_is_said_before_there_is_enough():
-    _, env = made(Arm(noise=0.01))
-    assert env.register_errors is None
-    assert np.isnan(moved(env, own_robot.ENOUGH - 1)).all()
-    assert not np.isnan(moved(env, 1).noise).any()
-    _, env = made(Arm(noise=0.01))
-    assert np.isnan(moved(env, 100, size=0.01).shortfall).all(), "noise hides it"
-    _, env = made(Arm(noise=0.01))
-    env.reset()
-    for word in [0.05, -0.05] * 50:
-        env.step(np.array([word, 0, 0, 0, 0]))
-    assert np.isnan(env.register_errors.noise).tolist() == [False, True, True, True, True]
-
-
 def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(opengl):
     robot = ("--registers", "--register-noise", "0.001", "--register-step", "0.0015", "--shortfall", "0.01")
     line, told = output("own_robot.py", "--motions", "40", *robot).splitlines()

@@ -155,14 +155,6 @@ def test_the_wheel_alone_runs_what_the_documentation_shows(block, python, tmp_pa
 
 
 @pytest.mark.slow
-def test_type_checkers_see_the_types_of_the_wheel(python, tmp_path):
-    code = "import calfree_agents, calfree_gym; calfree_agents.names().wrong; calfree_gym.MOUNTS.wrong"
-    command = [sys.executable, "-m", "mypy", "--python-executable", python, "--no-incremental", "-c", code]
-    checked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout
-    assert checked.count('has no attribute "wrong"') == 2, checked
-
-
-@pytest.mark.slow
 def test_each_package_loads_the_agents_that_the_other_has_saved(wheel, tmp_path):
     ZipFile(wheel).extractall(tmp_path)
     path = os.pathsep.join((str(tmp_path), str(REPOSITORY)))

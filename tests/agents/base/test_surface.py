@@ -165,41 +165,33 @@ def test_a_lost_state_is_an_error_that_says_what_to_do(name):
         agent.predict(observation)
 
 
-def test_damaged_and_foreign_files(tmp_path):
-    file, table, servo = tmp_path / "file.npz", make("grid_table")[0], make("unified_servo")[0]
-
-    def refuses(agent, message):
-        with pytest.raises(ValueError, match=message):
-            agent.load(file)
-
-    servo.save(file)
-    refuses(table, r"holds UnifiedServo.*this agent is GridTable")
-    refuses(make("work_plane_servo")[0], r"holds UnifiedServo.*this agent is WorkPlaneServo")
-    refuses(make("unified_servo", probe_px=9)[0], r"probe_px=16.0.*probe_px=9")
-    table.save(file)
-    refuses(make("grid_table", cells=4)[0], r"GridTable\(cells=8.*GridTable\(cells=4")
-    whole = file.read_bytes()
-    for damaged in (whole[:-40], whole[:300] + b"\x00" * 60 + whole[360:], whole[:500]):
-        file.write_bytes(damaged)
-        refuses(table, "damaged")
-    file.write_text("no archive")
-    refuses(table, "damaged or no saved agent")
-    for write in (np.save, np.savez):
-        with file.open("wb") as opened:
-            write(opened, np.zeros(3))
-        refuses(table, "no saved agent")
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("grid_table", {}, r"holds UnifiedServo.*this agent is GridTable"),
+        ("work_plane_servo", {}, r"holds UnifiedServo.*this agent is WorkPlaneServo"),
+        ("unified_servo", {"probe_px": 9}, r"probe_px=16.0.*probe_px=9"),
+    ],
+)
+def test_files_of_other_agents_are_refused(tmp_path, name, settings, said):
+    make("unified_servo")[0].save(tmp_path / "agent")
+    with pytest.raises(ValueError, match=said):
+        make(name, **settings)[0].load(tmp_path / "agent")
 
 
-@pytest.mark.parametrize("trained", ["text", "sac"])
-def test_what_no_agent_like_this_saved_is_told_without_the_words_of_libraries(trained, tmp_path):
-    path = tmp_path / "saved"
-    path.write_text("no archive")
-    if trained == "sac":
-        make("sac")[0].save(path)
-    allowed = r"damaged or no saved agent; allowed: a file that save of such an agent"
-    with pytest.raises(ValueError, match=allowed) as found:
-        make("memory")[0].load(path)
-    assert not any(word in str(found.value) for word in ("pickle", "JSON", "Error"))
+def test_what_is_damaged_or_no_agent_is_told_without_the_words_of_libraries():
+    agent, written = make("grid_table")[0], [BytesIO() for _ in range(4)]
+    agent.save(written[0])
+    make("sac")[0].save(written[1])
+    np.save(written[2], np.zeros(3))
+    np.savez(written[3], np.zeros(3))
+    whole, *foreign = (each.getvalue() for each in written)
+    for found in (whole[:-40], whole[:300] + bytes(60) + whole[360:], whole[:500], b"no archive", *foreign):
+        with pytest.raises(
+            ValueError, match="damaged or no saved agent; allowed: a file that save of"
+        ) as told:
+            agent.load(BytesIO(found))
+        assert not any(word in str(told.value) for word in ("pickle", "JSON", "Error"))
 
 
 @pytest.mark.parametrize("name", ["memory", "unified_servo", "random"])

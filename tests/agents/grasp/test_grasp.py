@@ -140,15 +140,14 @@ def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, an
     assert abs(turn_needed(orientation, now)) == pytest.approx(true, abs=off)
 
 
-def test_what_it_has_learned_is_saved_and_loaded(tmp_path):
-    env = gym.make(GRASP, camera_mount="stand")
-    agent = agents.make("grasp", env).learn(60)
+@pytest.mark.parametrize("name", ["grasp", "insert"])
+def test_what_it_has_learned_is_saved_and_loaded(name, tmp_path):
+    env = gym.make(f"calfree_gym:CalFree/{name.title()}-v0", camera_mount="stand")
+    agent = agents.make(name, env).learn(60)
     agent.save(tmp_path / "agent.npz")
-    other = agents.make("grasp", env).load(tmp_path / "agent.npz")
-    np.testing.assert_array_equal(other.turning.state, agent.turning.state)
-    assert_same_arrays(other, agent)
-    with pytest.raises(ValueError, match="this agent is grasp over"):
-        agents.make("grasp", env, tries=1).load(tmp_path / "agent.npz")
+    assert_same_arrays(agents.make(name, env).load(tmp_path / "agent.npz"), agent)
+    with pytest.raises(ValueError, match=f"this agent is {name} over"):
+        agents.make(name, env, caution=9.0).load(tmp_path / "agent.npz")
 
 
 @pytest.mark.parametrize(
@@ -173,3 +172,10 @@ def test_the_procedure_grasps_at_any_orientation():
         *_, (*_, info) = motions_of(agents.make("grasp", env, seed=seed), env, seed=seed)
         lifted.append(env.unwrapped.is_solved(info["truth"]))
     assert sum(lifted) >= 5
+
+
+def test_with_a_table_of_six_dimensions_it_grasps_and_fills_a_cell():
+    recorder = LifetimeRecorder(gym.make(GRASP, shape="bar", world="nominal"), seed=3)
+    agent = agents.make("grasp", recorder, knowledge="grid_table", direction=True, cells=2)
+    assert all(record.success for record in learn_trials(agent, recorder, 3))
+    assert np.count_nonzero(~np.isnan(agent.table.records[:, 0])) >= 2**6

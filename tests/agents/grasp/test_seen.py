@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
 from agents.grasp.seen import Lying
 from agents.grasp.trial import GraspFindings, GraspTrial
-from agents.grasp.turning import Turning, turn_needed
+from agents.grasp.turning import Turning, direction_key, directions, quarter, turn_needed
 from calfree_gym.image import IMAGE_UNIT
 
 NUMBER = st.floats(-1.0, 1.0)
@@ -116,3 +116,27 @@ def test_what_lies_still_has_not_moved_and_what_was_pushed_has(seed, turns):
     target = known.points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), VARIANCE)
     there = look_at(np.random.default_rng(0), slopes, np.array([0.0, 0.03, 0.0]), by).points[OBJECT]
     assert target.at(np.array([0.0, 0.03, 0.0])).object.points == pytest.approx(there, abs=5 * IMAGE_UNIT)
+
+
+def looked(edge, axis):
+    """What is seen of jaws and an object that point so (rad) in both images."""
+    now = gripper(np.zeros((4, 3)))
+    for name, angles in {"edge_1": edge, "end_1": axis}.items():
+        now.points[NAMES.index(name)] = np.stack([np.cos(angles), np.sin(angles)], 1)
+    return now
+
+
+def test_directions_are_those_between_edge_and_axis_in_each_image():
+    seen = looked([0.2, 1.0], [0.9, 0.5])
+    assert directions(seen) == pytest.approx([0.7, -0.5])
+    assert direction_key(seen) * np.pi / 2 == pytest.approx([0.1, 0.6])
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-0.7, 0.7))
+def test_keys_of_objects_that_are_turned_a_little_are_near(angle, differ):
+    before, after = (
+        direction_key(looked([0.0, 0.0], [turned + differ, turned - differ]))
+        for turned in (angle, angle + 0.01)
+    )
+    assert abs(quarter((after - before)[0] * np.pi / 2)) == pytest.approx(0.01, abs=1e-6)
+    assert after[1] == pytest.approx(before[1], abs=1e-6)

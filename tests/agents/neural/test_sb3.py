@@ -78,15 +78,6 @@ def test_networks_get_the_image_distance():
         np.testing.assert_allclose(features[0, 15:], np.tanh([*d, *(8 * d)]), atol=1e-6)
 
 
-def test_hindsight_waits_for_a_whole_trial_of_each_row_of_its_own_environment():
-    stand = {"dynamics": "kinematic", "camera_mount": "stand", "autoreset_mode": "SameStep"}
-    for motions, waits in ((-1, 5), (90, 180)):
-        rows = gym.make_vec("CalFree/Reach-v0", num_envs=2, max_episode_steps=motions, **stand)
-        agent = agents.make("sac_her", rows, net_arch=[8], learning_starts=5)
-        assert agent._model.learning_starts == waits
-    assert agent.learn(200).num_timesteps == 200
-
-
 def test_hindsight_relabels_with_places_that_the_gripper_came_to():
     agent = make("sac_her").learn(130)
     sample = agent._model.replay_buffer.sample(60)

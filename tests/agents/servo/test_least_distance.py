@@ -26,12 +26,6 @@ def folded(registers):
     return np.array([(a - 0.3) ** 2, b, (a - 0.3) ** 2 + b, 0.5 * b])
 
 
-def summed(registers):
-    """A view (4,) that does not tell one motor from the other."""
-    a, b = registers
-    return np.array([a + b, 0.5 * (a + b), a + b, 0.0])
-
-
 STOP = np.array([-0.1, -1.0])
 
 
@@ -63,10 +57,3 @@ def test_what_is_unknown_is_no_worse_than_a_place_known_not_to_do():
     found = Seeker(points, np.array([0.0, 0.3]), STOP, FREE, caution=0.1).seek()
     assert not found.hopeless
     assert found.registers[0] > 0.3
-
-
-def test_the_more_cautious_stays_nearer_to_what_it_has_seen():
-    seen = [[a, 0.0] for a in np.linspace(-0.7, 0.7, 8)] + [[0.0, 0.1], [0.0, -0.1]]
-    points = looked(summed, summed((0.6, 0.0)), np.array(seen))
-    bold, cautious = (Seeker(points, np.zeros(2), -FREE, FREE, each).seek() for each in (0.01, 1.0))
-    assert abs(cautious.registers[1]) < 0.5 * abs(bold.registers[1])

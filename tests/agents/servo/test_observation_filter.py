@@ -1,6 +1,6 @@
 """The filter of observations: made-up ones whose truth is known, and worlds that delay points."""
 
-from itertools import count, repeat
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -128,15 +128,3 @@ def test_noise_is_learned_from_observations_at_one_place(noise_px, mistaken):
             carry_out(filter_.settle(look, seen(0), PLACES, np.zeros(4)), lambda _, rest=rest: next(rest))
         found.append(filter_.noise.px)
     assert np.median(found) == pytest.approx(noise_px, rel=0.35)
-
-
-def test_what_was_begun_with_is_not_looked_at_twice():
-    filter_, rng = ObservationFilter(), np.random.default_rng(0)
-    looks = (seen(rng.normal(0, 5, (4, 2)), np.zeros(3), (True, True, True, False)) for _ in count())
-    _, begun = shown(filter_.first(next(looks)), looks)
-    before = filter_.noise.arrays()[0]
-    words, again = shown(filter_.first(begun), looks)
-    assert not len(words)
-    assert again is begun
-    np.testing.assert_array_equal(filter_.noise.arrays()[0], before)
-    assert before.all()

@@ -162,17 +162,6 @@ def test_what_the_leash_holds_back_is_no_stop():
     assert leash.stops.found[1].tolist() == [np.inf, np.inf, 0.03]
 
 
-def test_where_a_motion_lost_a_point_the_leash_lets_it_back_at_once():
-    arm = LinearArm((300, 300, 300))
-    leash = leash_of(arm.observed(), view_of(arm))
-    before, words = leash.now, leash.allowed(np.array([0.2, 0.1, 0.0]), np.zeros(3))
-    after = arm.observed(words)
-    leash.learn(words, before, replace(after, visible=np.array([False, True, True, True])))
-    np.testing.assert_allclose(leash.allowed(-words, after.registers), -words)
-    farther = leash.allowed(-2 * words, after.registers)
-    assert np.abs(farther).max() < np.abs(words).max(), "beyond that it is as short as after any surprise"
-
-
 def test_it_goes_back_from_what_it_met_and_then_nowhere_in_that_direction():
     arm = LinearArm((300, 300, 300))
     view = view_of(arm, variance=1e-8)

@@ -38,12 +38,3 @@ def test_what_no_longer_holds_is_replaced_by_what_was_seen(rng):
     _, seen, slopes = lived(rng, np.ones(MOTORS), 5, hold=hold)
     np.testing.assert_array_equal(slopes.jacobian[4:], seen[-1][4:])
     assert np.abs(slopes.jacobian[:4] - seen[-1][:4]).max() > 0.1
-
-
-def test_lengths_are_the_geometric_mean_over_all_looks():
-    slopes = Slopes.of(np.ones((8, 2)))
-    slopes = slopes.with_lengths(np.array([[4.0, 0.25], [1.0, 1.0]]), np.array([8, 0]))
-    np.testing.assert_allclose(slopes.lengths, [[2, 0.5], [1, 1]])
-    slopes = slopes.with_lengths(np.array([[2.0, 0.5], [16.0, 1 / 16]]), np.array([100, 24]))
-    np.testing.assert_allclose(slopes.lengths, [[2, 0.5], [8, 1 / 8]])
-    assert slopes.looks.tolist() == [116, 32]

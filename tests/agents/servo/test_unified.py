@@ -98,18 +98,6 @@ def test_what_is_remembered_of_another_arm_is_soon_left_out():
     assert np.median(misled) <= np.median(alone) + UnifiedServo.PATIENCE
 
 
-def test_among_words_that_do_it_takes_small_ones():
-    distances, lengths = [], []
-    for seed in range(40):
-        arm = arm_of(7, np.random.default_rng(seed))
-        _, _, findings = lived(arm, 25)
-        distances.append(findings.trusted[-1].distance_px)
-        shortest = np.linalg.norm(np.linalg.pinv(arm.jacobian[:4]) @ (arm.home[2:].reshape(4)))
-        lengths.append(np.linalg.norm(arm.registers) / shortest)
-    assert np.count_nonzero(np.array(distances) < 2) >= 36
-    assert np.median(lengths) < 3
-
-
 def test_it_takes_in_the_last_observation_and_then_asks_for_no_words():
     arm, servo = arm_of(3, np.random.default_rng(0)), UnifiedServo()
     findings = Findings(servo.new_estimator(3, None))
