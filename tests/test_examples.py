@@ -60,14 +60,6 @@ def test_a_robot_that_gives_but_pictures_and_registers_is_learned(opengl):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("script", "motions"), LEARNERS.items())
-def test_learners_begin_with_nothing(script, motions):
-    first, last = output(script, "--motions", str(motions)).splitlines()
-    assert rate(first) < 0.2
-    assert f"{motions} motions" in last
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("script", LEARNERS)
 def test_learners_learn(script):
     assert rate(output(script).splitlines()[-1]) > 0.75

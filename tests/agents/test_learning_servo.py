@@ -81,22 +81,16 @@ class Notes:
         at_home = analytic.points(self.env, np.zeros(3))
         np.testing.assert_allclose(sensors, at_home[2:].ravel(), atol=1e-6)
         ended_at = self.env.unwrapped.arms.registers[0].copy()
-        self.taught.append([self.error_px(there) for there in (registers, ended_at)])
-
-    def error_px(self, registers):
-        points = analytic.points(self.env, registers)
-        return lengths_px(points[:2] - points[2:]).max()
-
-
-def taught_by_successes(env):
-    """What successes alone teach in sixty motions in a wild world without noise."""
-    notes = Notes(env)
-    LearningServo(env, notes, UnifiedServo(), jump_px=np.inf, every_look=False).learn(60)
-    return notes.taught
+        points = [analytic.points(self.env, there) for there in (registers, ended_at)]
+        self.taught.append([lengths_px(each[:2] - each[2:]).max() for each in points])
 
 
 def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(noise_free, mount):
-    taught = [each for seed in range(4) for each in taught_by_successes(noise_free(mount, seed))]
+    taught = []
+    for seed in range(4):
+        notes = Notes(noise_free(mount, seed))
+        LearningServo(notes.env, notes, UnifiedServo(), jump_px=np.inf, every_look=False).learn(60)
+        taught += notes.taught
     corrected, ended = np.array(taught).T
     assert len(taught) > 20
     assert np.median(ended) > 1  # there was something to correct

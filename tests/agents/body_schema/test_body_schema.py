@@ -1,8 +1,5 @@
 """The agent that takes its arm for a chain of joints, on arms and mounts that it is not told of."""
 
-from pathlib import Path
-
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -42,16 +39,6 @@ def test_it_tells_which_camera_was_knocked_and_goes_on(make_env, live):
     assert [event.kind for event in agent.body.events] == ["right camera turned"]
     assert agent.body.events[0].trial in (11, 12)
     assert np.mean(lengths[14:]) <= 1.5
-
-
-@pytest.mark.slow
-def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
-    pusher = Path(gym.__path__[0]) / "envs/mujoco/assets/pusher.xml"
-    env = make_env(arm={"model": str(pusher), "gripper": "tips_arm"})
-    env.reset(seed=0)
-    env.unwrapped.set_world(env.unwrapped.world)
-    env.reset(seed=3)
-    agents.make("body_schema", env).learn(60)
 
 
 def test_a_motor_that_another_one_stopped_is_free_again_in_the_next_trial():

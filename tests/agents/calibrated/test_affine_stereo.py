@@ -9,7 +9,7 @@ import pytest
 import agents
 import calfree_gym
 from agents.base.observation import Observation
-from agents.calibrated.affine_stereo import Affine, AffineStereo
+from agents.calibrated.affine_stereo import AffineStereo
 from agents.calibrated.robot_model import RobotModel
 from experiments.evaluation import evaluate
 from tests.agents.trials import carry_out
@@ -40,19 +40,6 @@ class AffineWorld:
         points = [self.matrix @ place + self.offset for place in (self.position(), self.object)]
         told = {"gripper_position": self.position() if position is None else position}
         return Observation(np.reshape(points, (4, 2)), np.ones(4, bool), self.registers.copy(), told)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_four_positions_determine_all_of_an_affine_world(seed):
-    rng = np.random.default_rng(seed)
-    matrix, arm, offset = rng.standard_normal((8, 3)), rng.standard_normal((3, 3)), rng.standard_normal(8)
-    positions = rng.standard_normal((4, 3))
-    affine = Affine.through(positions, positions @ matrix.T + offset, positions @ arm.T)
-    np.testing.assert_allclose(affine.points, matrix)
-    np.testing.assert_allclose(affine.arm, arm)
-    elsewhere = rng.standard_normal(3)
-    predicted = positions[0] @ matrix.T + offset + affine.moved(arm @ (elsewhere - positions[0])).ravel()
-    np.testing.assert_allclose(predicted, matrix @ elsewhere + offset)
 
 
 @pytest.mark.parametrize("gain", [0.3, 0.6])

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares as scipy_least_squares
-from scipy.spatial.transform import Rotation
 
 import calfree_gym
 from agents.calibrated import prediction
 from agents.calibrated.identification import identify, least_squares
 from agents.calibrated.prediction import Measurements, Prediction
-from agents.calibrated.robot_model import RobotModel, rotation, rotation_axes
+from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import AIM
 
@@ -37,18 +36,6 @@ def anywhere(rng, starts, trials):
     off = rng.normal(size=(starts, prediction.COUNT)) * np.minimum(prediction.PRIOR_STD, 1.0)
     objects = np.tile(AIM, (starts, trials)) + 0.05 * rng.normal(size=(starts, 3 * trials))
     return np.concatenate([off, objects], 1)
-
-
-def test_rotations_are_scipy_s_and_turn_about_their_axes():
-    rng = np.random.default_rng(0)
-    angles = rng.normal(size=(5, 2, 3))
-    expected = Rotation.from_euler("XYZ", angles.reshape(-1, 3)).as_matrix()
-    np.testing.assert_allclose(rotation(angles).reshape(-1, 3, 3), expected, atol=1e-12)
-    for axis in range(3):
-        further = rotation(angles + 1e-6 * np.eye(3)[axis])
-        turn = np.swapaxes(rotation(angles), -1, -2) @ further
-        vector = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]], -1) / 1e-6
-        np.testing.assert_allclose(rotation_axes(angles)[..., axis], vector, atol=1e-5)
 
 
 def test_derivatives_are_those_of_finite_differences(mount):

@@ -24,16 +24,10 @@ HARD = {
 
 def after(mount, trouble, motions, worlds, servo):
     """True errors, and what was found out, after so many motions in wild worlds; nothing ends a trial."""
-    env = gym.make_vec(
-        "CalFree/Reach-v0",
-        num_envs=worlds,
-        camera_mount=mount,
-        dynamics="kinematic",
-        max_episode_steps=motions,
-        terminate_on_success=False,
-        autoreset_mode="Disabled",
-        perturbations=trouble and [{"at": {"trial": 0}, "do": trouble}],
-    )
+    trouble = trouble and [{"at": {"trial": 0}, "do": trouble}]
+    endless = {"terminate_on_success": False, "autoreset_mode": "Disabled", "max_episode_steps": motions}
+    made = {"camera_mount": mount, "dynamics": "kinematic", "perturbations": trouble, **endless}
+    env = gym.make_vec("CalFree/Reach-v0", num_envs=worlds, **made)
     observations, _ = env.reset(seed=list(range(3000, 3000 + worlds)))
     findings = [Findings(servo.new_estimator(3, None)) for _ in range(worlds)]
     words, running = np.zeros((worlds, 3), np.float32), []

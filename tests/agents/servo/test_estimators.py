@@ -235,3 +235,38 @@ def test_points_are_as_exact_as_the_kalman_filter_says(word):
             if motion > 5:
                 ratios.append(np.square((estimated - true) / IMAGE_UNIT).mean() / found.blur_px**2)
     assert 0.7 < np.mean(ratios) < 1.2
+
+
+MOTORS = 3
+HOLD = np.ones(4, bool)
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(0)
+
+
+def lived(random, spread, trials, known=0.0, hold=HOLD):
+    """Slopes after trials whose Jacobians are a mean one and an error of each motor's own spread (m,)."""
+    mean = random.normal(size=(8, MOTORS))
+    seen = [mean + random.normal(size=(8, MOTORS)) * spread for _ in range(trials)]
+    variances = np.tile(known**2 * np.eye(MOTORS), (4, 1, 1))
+    slopes = Slopes.of(seen[0], variances=variances)
+    for each in seen[1:]:
+        slopes = slopes.corrected(Slopes.of(each, variances=variances), hold)
+    return mean, seen, slopes
+
+
+def test_many_trials_tell_the_mean_and_what_each_motor_differs_by(random):
+    spread = np.array([0.1, 0.5, 1.5])
+    mean, _, slopes = lived(random, spread, 400)
+    np.testing.assert_allclose(slopes.jacobian, mean, atol=4 * spread.max() / np.sqrt(400))
+    np.testing.assert_allclose(np.sqrt(slopes.changes), np.tile(spread, (4, 1)), rtol=0.2)
+    assert slopes.trials == 399
+
+
+def test_what_no_longer_holds_is_replaced_by_what_was_seen(random):
+    hold = np.array([True, True, False, False])
+    _, seen, slopes = lived(random, np.ones(MOTORS), 5, hold=hold)
+    np.testing.assert_array_equal(slopes.jacobian[4:], seen[-1][4:])
+    assert np.abs(slopes.jacobian[:4] - seen[-1][:4]).max() > 0.1

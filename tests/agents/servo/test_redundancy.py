@@ -5,8 +5,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize import lsq_linear
+from scipy.optimize import least_squares, lsq_linear
 
+from agents.base.weights import cauchy_weights, huber_weights
 from agents.servo.redundancy import REDUNDANCIES, omit, solve, solve_within, transform, weighted
 from calfree_gym.image import IMAGE_UNIT
 
@@ -105,9 +106,17 @@ def test_bounded_words_keep_within_bounds_help_and_are_the_best_where_none_binds
         assert ours == pytest.approx(best, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_of_equations_that_can_be_spared_alike_the_last_is_left_out_whatever_rounding_says(seed):
-    jacobian = np.array([[2.0, 1, 0], [0, 1, 1], [-2, 1, 0], [0, 1, 1]])
-    distance = np.arange(4.0)
-    rounding = 1 + 1e-15 * np.random.default_rng(seed).normal(size=jacobian.shape)
-    np.testing.assert_array_equal(omit(jacobian * rounding, distance)[1], [0, 1, 2])
+DEVIATIONS = np.array([-20.0, -3.0, -1.0, 0.0, 0.5, 2.0, 7.0])
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 3.0])
+def test_weights_are_scipy_s(scale):
+    """The derivatives of its ρ(deviation²), from a fit's gradient: jᵀ w r with j = 1."""
+    for loss, found in (
+        ("cauchy", cauchy_weights(DEVIATIONS / scale)),
+        ("huber", huber_weights(DEVIATIONS, scale)),
+    ):
+        options = {"loss": loss, "f_scale": scale, "max_nfev": 1}
+        fits = [least_squares(lambda x, r=r: x + r, [0.0], **options) for r in DEVIATIONS]
+        weights = [fit.grad[0] / r if r else 1.0 for fit, r in zip(fits, DEVIATIONS, strict=True)]
+        np.testing.assert_allclose(found, weights, rtol=1e-6)

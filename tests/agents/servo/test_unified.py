@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import agents
-from agents.servo.image_model.gaussian_process import GaussianProcess
-from agents.servo.image_model.smooth_points import SmoothPoints
 from agents.servo.trial import Findings
 from agents.servo.unified import UnifiedServo
 from calfree_gym.image import IMAGE_UNIT
@@ -82,20 +80,6 @@ def test_where_one_way_to_the_object_hides_the_gripper_it_takes_another():
 
 def test_where_most_motions_hide_the_gripper_it_comes_back_with_shorter_ones_and_reaches():
     assert reached_of_12(lambda _, turned: turned > 0.03, 60) >= 8
-
-
-def test_what_is_remembered_of_another_arm_is_soon_left_out():
-    alone, misled = [], []
-    for seed in range(12):
-        arm, other = (arm_of(5, np.random.default_rng(each)) for each in (seed, seed + 100))
-        _, _, findings = lived(other, 25)
-        gripper, object_ = findings.estimator.gripper, GaussianProcess.unknown(9, 5)
-        known = SmoothPoints.remembered(gripper, (object_, arm.home[2:]), 0.7)
-        alone.append(motions_to(lived(arm, 40)[1]))
-        arm.registers = np.zeros(5)
-        misled.append(motions_to(lived(arm, 40, known=known)[1]))
-    assert min(misled) > 0
-    assert np.median(misled) <= np.median(alone) + UnifiedServo.PATIENCE
 
 
 def test_it_takes_in_the_last_observation_and_then_asks_for_no_words():

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import torch
+from torch import nn
 
 import agents
 from agents.base import storage
+from agents.neural.self_supervised.inverse_model import Perceptron
 from agents.neural.self_supervised.self_taught import LearnedReach
 from tests.agents.neural.self_supervised.conftest import QUICK, LinearWorld
 from tests.agents.trials import assert_same_arrays, motions_of
@@ -138,3 +141,40 @@ def test_it_gets_back_into_view():
     observation["observation"][0] = 0.0
     back, state = agent.predict(observation, state)
     np.testing.assert_allclose(back, -observation["observation"][4:] / 2, rtol=1e-6)
+
+
+WIDTHS = (15, 64, 32, 12)
+
+
+@pytest.fixture
+def perceptron():
+    return Perceptron(WIDTHS, learning_rate=3e-3, seed=0)
+
+
+@pytest.fixture
+def theirs(perceptron):
+    """PyTorch's, with the same weights."""
+    made = nn.Sequential(
+        nn.Linear(15, 64), nn.SiLU(), nn.Linear(64, 32), nn.SiLU(), nn.Linear(32, 12)
+    ).double()
+    nn.utils.vector_to_parameters(torch.from_numpy(perceptron.weights).double(), made.parameters())
+    return made
+
+
+def test_steps_are_those_of_pytorch(perceptron, theirs):
+    rng = np.random.default_rng(1)
+    adam = torch.optim.Adam(theirs.parameters(), lr=3e-3)
+    averaged = perceptron.weights.astype(float)
+    for _ in range(50):
+        inputs, wanted = np.float32(rng.normal(size=(20, 15))), np.float32(rng.normal(size=(20, 12)))
+        passed = perceptron.forward(inputs)
+        outputs = theirs(torch.from_numpy(inputs).double())
+        np.testing.assert_allclose(passed.outputs, outputs.detach(), atol=1e-4)
+        perceptron.descend(passed, (passed.outputs - wanted) ** 3)
+        adam.zero_grad()
+        ((outputs - torch.from_numpy(wanted).double()) ** 4 / 4).sum().backward()
+        adam.step()
+        latest = nn.utils.parameters_to_vector(theirs.parameters()).detach().numpy()
+        averaged += 0.01 * (latest - averaged)
+    np.testing.assert_allclose(perceptron.weights, latest, atol=2e-4)
+    np.testing.assert_allclose(perceptron.averaged, averaged, atol=2e-4)
