@@ -51,14 +51,6 @@ def test_a_knocked_camera_stops_no_servo():
     assert "'degrees': 30.0" in lines[knocked]
 
 
-def test_a_robot_that_gives_but_pictures_and_registers_is_learned(opengl):
-    (line,) = output("own_robot.py", "--motions", "40").splitlines()
-    motions = [int(each) for each in line.removeprefix("motions of each reach: ").split()]
-    assert 12 <= len(motions) <= 40
-    assert sum(motions) <= 40
-    assert np.mean(motions[-8:]) <= 2
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("script", LEARNERS)
 def test_learners_learn(script):

@@ -169,13 +169,7 @@ def test_a_greatest_motion_that_is_none_is_refused(wrong):
 @pytest.mark.parametrize("size", [0.1, 0.5])
 @pytest.mark.parametrize(
     ("noise", "step", "shortfall"),
-    [
-        (0, 0, 0),
-        (0.002, 0, 0),
-        (0, 0.0015, 0),
-        (0, 2 * np.pi / 4096, 0.02),
-        (0.0005, 0.0015, 0.05),
-    ],
+    [(0, 0, 0), (0.002, 0, 0), (0, 0.0015, 0), (0, 2 * np.pi / 4096, 0.02), (0.0005, 0.0015, 0.05)],
 )
 def test_errors_of_registers_are_found(noise, step, shortfall, size):
     """Against those that the arm has: of steps 0.29 of one, as those of a uniform distribution."""

@@ -33,18 +33,6 @@ def test_the_lowest_versions_are_those_that_the_project_allows():
         assert f"{lowest[name]}.".startswith(f"{bound}."), name
 
 
-def test_whatever_ships_trained_or_tuned_has_a_card():
-    page = (ROOT / "docs/model-cards.md").read_text()
-    shipped = {path.stem for path in (ROOT / "configs/agents").glob("*.yaml")}
-    of_weights = {"weights": "recurrent_servo", "prior": "simulation_prior"}
-    files = [*(ROOT / "agents").rglob("*.safetensors"), *(ROOT / "agents").rglob("*.npz")]
-    shipped |= {of_weights.get(path.stem, path.stem) for path in files}
-    (tuned,) = re.findall(r"^## Tuned.*", page, re.M | re.S)
-    rows = [cell for line in tuned.splitlines() if line.startswith("| `") for cell in line.split("|")[1:2]]
-    carded = {name for cell in rows for name in re.findall(r"`(\w+)`", cell)}
-    assert carded | set(re.findall(r"^## `(\w+)`", page, re.M)) == shipped
-
-
 def test_names_of_the_contract_are_there():
     page = (ROOT / "docs/contract.md").read_text()
     names = re.findall(r"`((?:calfree_gym|agents|experiments)(?:\.\w+)*)(?:\(\))?`", page)

@@ -27,9 +27,7 @@ class Arm:
         self.site = self.model.site(site).id
         motors = self.model.njnt
         self.home = np.array(HOMES.get(file, np.zeros(motors)))
-        self.spans = np.random.default_rng(3).uniform(0.6, 1.4, motors) * np.where(
-            np.arange(motors) % 2, 1, -1
-        )
+        self.spans = np.random.default_rng(3).uniform(0.6, 1.4, motors) * (-1.0) ** (np.arange(motors) + 1)
         self.chain = JointChain(motors, (mount, mount))
         self.numbers = np.zeros(self.chain.size)
         self._at(np.zeros(motors))
@@ -73,26 +71,20 @@ class Arm:
         flat = before[:2] / before[2]
         return np.exp(log_focal) * flat * (1 + k1 * flat @ flat)
 
-    def pairs(self, trials, looks=4, noise_px=0.5, seed=0, numbers=None, reach=0.5):
+    def pairs(self, trials, looks=4, noise_px=0.5, seed=0, numbers=None):
         """What trials show, beginning at home, with noise."""
         random = np.random.default_rng(seed)
         numbers = self.numbers if numbers is None else numbers
-        registers = random.uniform(-reach, reach, (trials, looks, self.chain.motors))
+        registers = random.uniform(-0.5, 0.5, (trials, looks, self.chain.motors))
         registers[:, 0] = 0.0
         registers = registers.reshape(-1, self.chain.motors)
-        objects = random.uniform(-reach, reach, (trials, self.chain.motors)).repeat(looks, 0)
+        objects = random.uniform(-0.5, 0.5, (trials, self.chain.motors)).repeat(looks, 0)
         homes = Views(self.chain, numbers, objects, np.zeros((len(objects), 4))).points[:, :2].reshape(-1, 4)
         points = Views(self.chain, numbers, registers, homes).points
         points = points + random.normal(size=points.shape) * noise_px * IMAGE_UNIT
-        objects_seen = points[:, 2:].reshape(-1, 4)
-        return Pairs(
-            registers,
-            points[:, :2].reshape(-1, 4),
-            objects_seen,
-            objects_seen[::looks].repeat(looks, 0),
-            np.full(len(registers), max(noise_px, 0.1)),
-            np.arange(trials).repeat(looks),
-        )
+        gripper, objects = points[:, :2].reshape(-1, 4), points[:, 2:].reshape(-1, 4)
+        homes, noise = objects[::looks].repeat(looks, 0), np.full(len(registers), max(noise_px, 0.1))
+        return Pairs(registers, gripper, objects, homes, noise, np.arange(trials).repeat(looks))
 
     def known(self, pairs):
         """What is known of this chain, fitted to what was seen from where it really is."""

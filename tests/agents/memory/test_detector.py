@@ -48,10 +48,6 @@ def examine(acquainted, *trials):
     return detector, [detector.examine(pairs, knowledge) for pairs in trials]
 
 
-def changed(world, perturbation):
-    return perturbation.apply(world, np.random.default_rng(0))
-
-
 @pytest.mark.parametrize(
     ("perturbation", "cameras"),
     [
@@ -60,7 +56,7 @@ def changed(world, perturbation):
     ],
 )
 def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation, cameras):
-    pairs = trial(changed(acquainted[0], perturbation), TRIALS)
+    pairs = trial(perturbation.apply(acquainted[0], np.random.default_rng(0)), TRIALS)
     detector, (finding,) = examine(acquainted, pairs)
     assert finding.verdict is ChangeVerdict.CHANGED
     assert finding.cameras.tolist() == cameras
@@ -72,7 +68,7 @@ def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation,
 
 
 def test_a_reversed_motor_shows_away_from_home_only(acquainted):
-    reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
+    reversed_ = MotorSign(motor="elbow").apply(acquainted[0], np.random.default_rng(0))
     _, (finding,) = examine(acquainted, trial(reversed_, TRIALS))
     assert finding.verdict is ChangeVerdict.CHANGED
     few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 1)]

@@ -38,10 +38,8 @@ def shown(procedure, observations):
 
 def settled(filter_, observations, known=True):
     """The trusted observation after a motion from the places, and how many of `observations` it took."""
-    expected = PLACES + MOVED_PX * IMAGE_UNIT * known
-    running = filter_.settle(
-        observations[0], seen(0, np.zeros(3)), expected, np.full(4, 1.0 if known else 16.0)
-    )
+    expected, off = places(MOVED_PX * known), np.full(4, 1.0 if known else 16.0)
+    running = filter_.settle(observations[0], seen(0, np.zeros(3)), expected, off)
     words, trusted = shown(running, observations[1:])
     assert not words.any()
     assert trusted is not None, "it wants to observe more often"
