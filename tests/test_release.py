@@ -1,4 +1,4 @@
-"""What a release is made of says one thing everywhere: versions, packages, workflows, cards."""
+"""What a release is made of says one thing everywhere: versions, and the names of the contract."""
 
 import pkgutil
 import re

@@ -1,4 +1,4 @@
-"""Agents that insert: pegs go in, axes are found where they are, and what an agent cannot do is named."""
+"""Agents that insert: pegs go in, and axes are found where they are."""
 
 import gymnasium as gym
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a grasping agent makes of points that are hidden, seen wrongly or pushed, and of a lost gripper."""
+"""What a grasping agent makes of points that are hidden or pushed, and of directions."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera, and are saved whole."""
+"""`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera; their regression."""
 
 from pathlib import Path
 
