@@ -92,8 +92,9 @@ def test_an_agent_loads_from_paths_and_open_files_and_acts_and_learns_on_alike(l
     assert make(name)[0].load(file).num_timesteps == 80, "from its beginning: it stands at its end"
 
 
-OPTIONAL = "announced been home_differences home_trials jacobian last_home looks_teach mistaken".split()
-OPTIONAL += "noise_differences returns slope_registers slope_variances smooth_lengths".split()
+OPTIONAL = {"announced", "been", "home_differences", "home_trials", "jacobian", "last_home", "looks_teach"}
+OPTIONAL |= {"mistaken", "noise_differences", "returns", "smooth_lengths"}
+OPTIONAL |= {"slope_registers", "slope_variances"}
 """Arrays that files of earlier versions lack."""
 
 
@@ -103,7 +104,7 @@ def test_an_array_that_lacks_or_has_another_shape_is_refused_by_name_and_changes
     other, _ = make(name)
     before, arrays = saved(other), agent.arrays()
     damaged = [(key, {**arrays, key: array[..., None]}) for key, array in arrays.items() if array.size]
-    for key in arrays.keys() - {*OPTIONAL}:
+    for key in arrays.keys() - OPTIONAL:
         damaged.append((key, {name: array for name, array in arrays.items() if name != key}))
     for key, found in damaged:
         storage.save(file := BytesIO(), agent.kind, found, 80, 3)
