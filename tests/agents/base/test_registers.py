@@ -76,15 +76,6 @@ def test_a_motor_that_was_sent_nothing_or_stopped_stands_where_it_stood(seed, er
     assert at_stop[0] == pytest.approx(0.5, abs=0.02)
 
 
-def test_words_smaller_than_a_step_are_counted_though_registers_do_not_show_them():
-    encoders = Encoders()
-    Motors(0, step=0.01, encoders=encoders).wander(6)
-    motors = Motors(1, step=0.01, encoders=encoders)  # the next trial
-    for _ in range(12):
-        estimate = motors.send([0.003, 0.0, -0.001])
-        np.testing.assert_allclose(estimate, motors.true, atol=0.002)
-
-
 @settings(max_examples=50)
 @given(
     st.floats(1e-3, 0.1),

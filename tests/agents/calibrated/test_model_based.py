@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import agents
 import calfree_gym
+from agents.base.observation import Observation
 from agents.calibrated.robot_model import RobotModel
 from experiments.evaluation import evaluate
 
@@ -73,3 +74,15 @@ def test_the_nominal_robot_reaches_at_once(mount, dynamics):
     records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=200, seed=3000)
     assert np.mean([record.rendezvous for record in records]) >= 0.995
     assert max(record.motions for record in records) <= 2
+
+
+def test_a_motion_that_loses_a_point_is_taken_back_by_half(make_env):
+    env = make_env(world="nominal")
+    agent = agents.make("model_based", env)
+    observation = Observation.of(env.reset(seed=1)[0])
+    running = agent.procedure(observation, agent.new_findings())
+    goal = next(running)
+    lost = replace(observation, registers=goal, visible=np.array([True, True, False, True]))
+    words = [running.send(lost) for _ in range(6)]
+    assert not words[0].any()
+    np.testing.assert_allclose(next(word for word in words if word.any()), -goal / 2)

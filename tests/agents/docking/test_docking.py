@@ -79,3 +79,11 @@ def test_one_name_stands_for_what_docks_and_for_what_reaches():
         agents.make("paper_servo", dock)
     with pytest.raises(ValueError, match="cameras is 3"):
         agents.make("arcs", dock, cameras=3)
+
+
+def test_arcs_docks_by_both_cameras_where_the_robot_has_two():
+    dock = gym.make("calfree_gym:CalFree/Dock-v0", world="wild", dynamics="kinematic", cameras=2)
+    agent = agents.make("arcs", gym.wrappers.RecordEpisodeStatistics(dock))
+    dock.reset(seed=8000)
+    agent.learn(150)
+    assert np.mean(agent.env.length_queue) < 20

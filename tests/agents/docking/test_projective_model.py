@@ -40,13 +40,6 @@ def test_it_predicts_any_arc_of_linear_motors_once_it_has_learned(base):
     assert worst_px(taught(robot), motions(robot, 30)) < 1.5
 
 
-def test_it_learns_curved_motors_nearly_as_well_though_of_another_form():
-    robot = Robot(2)
-    model = taught(robot)
-    assert np.sign(model.learned.curves[0, :-1, 0]).tolist() == np.sign(robot.bend).tolist()
-    assert worst_px(model, motions(robot, 30)) < 12
-
-
 def test_the_homography_of_its_own_marks_carries_it_over_a_turn_of_the_camera():
     robot = Robot(4, bend=0.0)
     model, before = taught(robot), robot.seen(np.zeros(3))[0]

@@ -91,15 +91,6 @@ def test_with_memory_it_grasps_ever_faster_and_no_less_surely(mount):
     assert np.mean(motions[10:]) <= 0.6 * np.mean(motions[:5])
 
 
-def test_after_a_camera_is_turned_it_soon_grasps_as_fast_again():
-    aim = {"at": {"trial": 20}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
-    recorder = LifetimeRecorder(gym.make(GRASP, camera_mount="stand", perturbations=[aim]), seed=511)
-    agent = agents.make("grasp", recorder)
-    motions = [record.motions for record in learn_trials(agent, recorder, 30)]
-    assert [event.action for event in agent.descent.events] == ["map"]
-    assert np.median(motions[25:]) <= np.median(motions[10:20]) + 1
-
-
 def over_an_object(shape, *pose):
     """A nominal environment whose gripper stands over an object, where (1, 3) that is, and what is seen."""
     env = gym.make(GRASP, shape=shape, camera_mount="stand", world="nominal").unwrapped

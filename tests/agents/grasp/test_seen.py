@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
 from agents.grasp.seen import Lying
-from agents.grasp.trial import GraspFindings, GraspTrial
+from agents.grasp.trial import GraspFindings, GraspTrial, InView
 from agents.grasp.turning import Turning, direction_key, directions, quarter, turn_needed
 from calfree_gym.image import IMAGE_UNIT
 
@@ -140,3 +140,17 @@ def test_keys_of_objects_that_are_turned_a_little_are_near(angle, differ):
     )
     assert abs(quarter((after - before)[0] * np.pi / 2)) == pytest.approx(0.01, abs=1e-6)
     assert after[1] == pytest.approx(before[1], abs=1e-6)
+
+
+def test_a_tip_that_was_not_seen_twice_is_lost_and_words_get_shorter_until_it_is_seen_again():
+    there, found = seen([0.1, 0.2, 0.3, 0.4, 0.0]), []
+    view = InView(there)
+    for now, last in ((seen([0.5] * 5, tip=False), True), (seen([0.5] * 5, tip=False), False)):
+        view.look(now, last)
+        found.append((view.lost, view.shorter))
+    assert (view.registers == there.registers).all()
+    for now, last in ((seen([0.2] * 5), False), (seen([0.3] * 5), True)):
+        view.look(now, last)
+        found.append((view.lost, view.shorter))
+    assert found == [(False, 1), (True, 0.5), (False, 0.5), (False, 1)]
+    assert (view.registers == 0.3).all()

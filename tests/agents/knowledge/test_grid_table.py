@@ -25,6 +25,7 @@ def test_the_first_success_fills_all_corners_of_its_cell_and_others_correct_them
     assert table.records.shape == (6561, 3)
     filled = ~np.isnan(table.records).any(1)
     assert filled.sum() == 16
+    assert [cells.sum() for cells in table.known_cells()] == [1, 0], "filled, and trusted"
     corners = CORNERS[filled]
     assert (np.ptp(corners, axis=0) <= 0.25 + 1e-9).all()
     assert (corners.min(0) <= sensors + 1e-9).all()

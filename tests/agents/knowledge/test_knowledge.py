@@ -37,11 +37,12 @@ def recalled(knowledge, places):
     ]
 
 
+@pytest.mark.parametrize("kalman", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=15)
 @given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
-def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, registers):
-    knowledge = agents.KNOWLEDGE[name](3)
+def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, kalman, registers):
+    knowledge = agents.KNOWLEDGE[name](3, kalman=kalman)
     assert knowledge.recall(np.zeros(4)) is None
     assert knowledge.jacobian(np.zeros(3)) is None
     for _ in range(3):

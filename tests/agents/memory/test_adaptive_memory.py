@@ -161,3 +161,13 @@ def test_the_old_world_is_found_and_agrees_and_another_one_does_not(seed):
     now = known(new)
     assert found.agrees_with(back, now)
     assert not found.agrees_with(elsewhere, now)
+
+
+def test_an_announced_change_is_believed_and_lasts_in_a_file(make_env, tmp_path):
+    agent, loaded = agents.make("memory", make_env()).learn(60), agents.make("memory", make_env())
+    agent.adaptation.announce_change(np.array([True, False]))
+    agent.save(tmp_path / "agent.npz")
+    loaded.load(tmp_path / "agent.npz")
+    observation, _ = agent.env.reset()
+    assert agent.expected_px(observation) is loaded.expected_px(observation) is None
+    assert len(agent.learn(20).adaptation.events) == 1

@@ -120,20 +120,6 @@ def test_probes_are_about_as_large_in_the_images_as_they_are_wanted():
     assert 8 < np.median(moved) < 80
 
 
-def test_words_are_short_that_would_lead_points_out_of_the_images():
-    farthest = []
-    for border in (0.5, 9.0):
-        servo = UnifiedServo(border=border, probe_px=150.0)
-        for seed in range(20):
-            arm = arm_of(3, np.random.default_rng(seed))
-            arm.home[2:] = 0.6
-            _, _, findings = lived(arm, 12, servo=servo)
-            farthest.append(max(np.abs(each.points[:2]).max() for each in findings.trusted))
-    within, anywhere = np.reshape(farthest, (2, 20))
-    assert np.count_nonzero(within <= anywhere) >= 18
-    assert np.count_nonzero(within < anywhere - 0.1) >= 5
-
-
 @pytest.mark.parametrize("name", ["unified_servo", "memory", "body_schema"])
 def test_words_stay_numbers_where_no_motion_ever_shows(make_env, name):
     class Frozen(gym.ObservationWrapper):
