@@ -128,7 +128,10 @@ def test_what_is_neither_a_path_nor_a_binary_file_is_told(name, tmp_path):
             agent.save(to_read)
         with pytest.raises(ValueError, match="damaged or no s"):
             agent.load(to_read)
+    with pytest.raises(ZeroDivisionError), storage.written(tmp_path / "there") as place:
+        raise ZeroDivisionError(place.write(b"part"))
     assert (tmp_path / "there").read_bytes() == b"whole"
+    assert not [*tmp_path.glob("*.partial")]
     with pytest.raises(FileExistsError, match="there"):
         agent.save(tmp_path / "there" / "agent")
     with pytest.raises(FileNotFoundError, match="nowhere: there is no such file"):

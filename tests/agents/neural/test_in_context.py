@@ -8,8 +8,7 @@ import agents
 from agents.neural.recurrent_servo.network import KEPT
 from agents.neural.recurrent_servo.places import PlaceRegression
 
-UNSEEN = 1000
-"""Seed of the first test world; those of training are 100,000 and more."""
+UNSEEN = 1000  # seed of the first test world; those of training are 100,000 and more
 
 
 def test_it_needs_fewer_motions_in_later_trials(live, make_env, mount):

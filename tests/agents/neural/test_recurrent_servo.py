@@ -19,8 +19,7 @@ from calfree_gym.image import PIXELS_PER_UNIT
 from tests.agents.neural.self_supervised.conftest import LinearWorld
 
 KEPT = KEPT_BY_AGENT["recurrent_servo"]
-UNSEEN = 1000
-"""Seed of the first test world; those of training are 100,000 and more."""
+UNSEEN = 1000  # seed of the first test world; those of training are 100,000 and more
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ def numbers(*shape, low=-1.0, high=1.0):
 
 
 JACOBIANS = numbers(4, 3).map(lambda entries: entries + np.eye(4, 3) * 3)
-"""Well conditioned ones."""
 
 
 def left_null(jacobian):
