@@ -45,7 +45,7 @@ def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name
     knowledge = agents.KNOWLEDGE[name](3, kalman=kalman)
     assert knowledge.recall(np.zeros(4)) is None
     assert knowledge.jacobian(np.zeros(3)) is None
-    for _ in range(3):
+    for _ in range(6):
         knowledge.learn(seen(registers), registers)
     recall = knowledge.recall(seen(registers))
     assert missed_px(recall, seen(registers)) < 3
