@@ -5,18 +5,8 @@ import os
 import sys
 import zlib
 
-ONE_THREAD = {
-    name: "1"
-    for name in (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-    )
-}
-os.environ.update(ONE_THREAD)  # before numpy is imported, and for all that tests start
+for library in ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB", "NUMEXPR"):
+    os.environ[f"{library}_NUM_THREADS"] = "1"  # before numpy is imported, and for all that tests start
 
 import gymnasium as gym  # noqa: E402
 import pytest  # noqa: E402

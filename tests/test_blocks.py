@@ -19,10 +19,11 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(python|shell|yaml)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 BLOCKS = {page.relative_to(ROOT).as_posix(): BLOCK.findall(page.read_text()) for page in PAGES}
-LONG = ("docs/experience.md",)
-"""Pages whose Python takes more than a few seconds."""
 LONG_COMMANDS = ("run", "film", "tune", "benchmark", "results-tables")
 """Of `python -m experiments`: these are parsed, and their suite is checked; others are carried out."""
+
+
+FOLDERS = ("calfree_gym", "agents", "experiments", "examples", "docs")
 
 
 def of(language):
@@ -30,9 +31,10 @@ def of(language):
     return [page for page, blocks in BLOCKS.items() if any(kind == language for kind, _ in blocks)]
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=[pytest.mark.slow] * (p in LONG)) for p in of("python")]
-)
+SLOW = {"docs/experience.md": [pytest.mark.slow]}
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, marks=SLOW.get(page, [])) for page in of("python")])
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_python(page)
@@ -64,11 +66,7 @@ def run_python(page):
 
 
 def carry_out(words, folder):
-    """Runs a command; of what takes long, only what comes before the work.
-
-    `make compare` runs with a shortened file; of other targets make tells what it would do. Installing is
-    for test_wheel.
-    """
+    """Runs a command; of what takes long, only what comes before the work. Installing is for test_wheel."""
     if not words or words[:2] in (["pip", "install"], ["git", "clone"]) or words[0] == "cd":
         return
     if words[0] == "make" and words[1] not in ("venv", "compare"):
@@ -91,15 +89,7 @@ def copy(tmp_path):
     folder = tmp_path / "repository"
     for name in ("configs", "arms", ".venv/bin"):
         (folder / name).mkdir(parents=True)
-    for name in (
-        "calfree_gym",
-        "agents",
-        "experiments",
-        "examples",
-        "docs",
-        "pyproject.toml",
-        "constraints.txt",
-    ):
+    for name in (*FOLDERS, "pyproject.toml", "constraints.txt"):
         (folder / name).symlink_to(ROOT / name)
     (folder / "Makefile").write_text((ROOT / "Makefile").read_text())
     for path in (ROOT / "configs").iterdir():

@@ -21,8 +21,6 @@ from torch.nn.utils import parameters_to_vector
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-LEARNERS = {"ppo_sb3.py": 2048, "ppo_cleanrl.py": 2048, "sac_her_sb3.py": 1010}
-"""With the fewest motions from which each learns anything."""
 
 
 def output(script, *arguments):
@@ -51,30 +49,10 @@ def test_a_knocked_camera_stops_no_servo():
     assert "'degrees': 30.0" in lines[knocked]
 
 
-def test_a_robot_that_gives_but_pictures_and_registers_is_learned(opengl):
-    (line,) = output("own_robot.py", "--motions", "40").splitlines()
-    motions = [int(each) for each in line.removeprefix("motions of each reach: ").split()]
-    assert 12 <= len(motions) <= 40
-    assert sum(motions) <= 40
-    assert np.mean(motions[-8:]) <= 2
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("script", "motions"), LEARNERS.items())
-def test_learners_begin_with_nothing(script, motions):
-    first, last = output(script, "--motions", str(motions)).splitlines()
-    assert rate(first) < 0.2
-    assert f"{motions} motions" in last
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", LEARNERS)
+@pytest.mark.parametrize("script", ["ppo_sb3.py", "ppo_cleanrl.py", "sac_her_sb3.py"])
 def test_learners_learn(script):
-    assert rate(output(script).splitlines()[-1]) > 0.75
-
-
-def rate(line):
-    return float(re.search(r"([\d.]+)%", line)[1]) / 100
+    assert float(re.search(r"([\d.]+)%", output(script).splitlines()[-1])[1]) > 75
 
 
 def test_advantages_are_the_returns_of_each_trial(monkeypatch):
@@ -83,8 +61,7 @@ def test_advantages_are_the_returns_of_each_trial(monkeypatch):
     ppo = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(ppo)
     monkeypatch.setattr(ppo, "GAE_LAMBDA", 1.0)
-    rng = np.random.default_rng(0)
-    steps, envs = 40, 6
+    rng, steps, envs = np.random.default_rng(0), 40, 6
     values, rewards = rng.normal(size=(steps + 1, envs)), rng.normal(size=(steps, envs))
     over = rng.random((steps, envs)) < 0.2
     over[1:] &= ~over[:-1]  # the step after a trial's end resets, and ends none

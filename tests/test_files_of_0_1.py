@@ -25,8 +25,7 @@ NOW = {
     "grid_table": ("grid_table", {"cells": 4}),
     "factored_table": ("factored_table", {"cells": 2, **OVER_JACOBIAN}),
     "support_points": ("support_points", OVER_JACOBIAN),
-    "self_calibrating": ("self_calibrating", {}),
-    "model_based": ("model_based", {}),
+    **{name: (name, {}) for name in ("self_calibrating", "model_based")},
 }
 """What each saved agent is called now, and its settings."""
 

@@ -12,20 +12,14 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LIBRARIES = [str(path) for path in Path(numpy.__file__).parents[1].glob("numpy.libs/libscipy_openblas64_*")]
-NAME = "scipy_openblas_get_corename64_"
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64" or not LIBRARIES, reason="numpy has other kernels")
 def test_numpy_has_it():
     (kernel,) = re.findall(r"OPENBLAS_CORETYPE=(\w+)", (ROOT / "Makefile").read_text())
-    code = f"""
-import ctypes
-name = ctypes.CDLL({LIBRARIES[0]!r}).{NAME}
-name.restype = ctypes.c_char_p
-print(name().decode())
-"""
-    environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    code = (
+        f"import ctypes; name = ctypes.CDLL({LIBRARIES[0]!r}).scipy_openblas_get_corename64_;"
+        "name.restype = ctypes.c_char_p; print(name().decode())"
     )
-    assert done.stdout.strip() == kernel
+    environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
+    assert subprocess.check_output([sys.executable, "-c", code], env=environment, text=True).strip() == kernel

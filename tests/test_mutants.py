@@ -17,6 +17,7 @@ def test_it_applies_and_names_tests_that_exist(mutant):
     compile(edited, mutant.file, "exec")
     assert mutant.tests
     assert mutant.why
+    assert sum(each.name == mutant.name for each in MUTANTS) == 1
     for test in mutant.tests:
         file, *names = test.split("::")
         path = ROOT / file
@@ -24,8 +25,3 @@ def test_it_applies_and_names_tests_that_exist(mutant):
         for name in names:
             function = name.partition("[")[0]
             assert re.search(rf"^def {function}\(", path.read_text(encoding="utf-8"), re.M), f"no {test}"
-
-
-def test_they_have_names_of_their_own():
-    names = [mutant.name for mutant in MUTANTS]
-    assert len(set(names)) == len(names)

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from calfree_gym.vision import TagTracker
-from tests.calfree_gym.vision.drawings import background
-from tests.calfree_gym.vision.printed_tags import random_frame
 from tests.test_examples import output
 
 spec = importlib.util.spec_from_file_location(
@@ -68,16 +65,6 @@ def test_it_is_an_environment():
     check_env(made()[1], skip_render_check=True)
 
 
-def test_another_tracker_finds_the_points():
-    pictures = [random_frame(np.random.default_rng(i), background)[0] for i in range(2)]
-    arm, env = made(marks=TagTracker())
-    arm.gives["take_pictures"] = lambda: pictures
-    observation, _ = env.reset()
-    assert observation["observation"][:4].all()
-    found = np.concatenate([observation["achieved_goal"], observation["desired_goal"]])
-    np.testing.assert_allclose(found, TagTracker()(*pictures)[0].ravel(), atol=1e-6)
-
-
 FIVE = "allowed: 5 finite numbers within -1 to 1"
 PICTURES = "allowed: two RGB images, arrays (h, w, 3) of uint8"
 
@@ -88,18 +75,14 @@ PICTURES = "allowed: two RGB images, arrays (h, w, 3) of uint8"
         ("go_to", np.zeros(3), ValueError, f"go_to told array([0., 0., 0.]); {FIVE}"),
         ("go_to", None, ValueError, f"go_to told None; {FIVE}"),
         ("go_to", [0, 0, np.nan, 0, 0], ValueError, f"go_to told [0, 0, nan, 0, 0]; {FIVE}"),
-        ("go_to", ["0"] * 5, ValueError, f"go_to told ['0', '0', '0', '0', '0']; {FIVE}"),
         ("go_to", [[0], 1], ValueError, f"go_to told [[0], 1]; {FIVE}"),
         ("go_to", [0, 0, 0, 0, 90], ValueError, f"go_to told [0, 0, 0, 0, 90]; {FIVE}"),
         ("take_pictures", None, "lost", f"take_pictures gave None as the left picture; {PICTURES}"),
         ("take_pictures", (DARK, None), "lost", f"gave None as the right picture; {PICTURES}"),
         ("take_pictures", OSError("unplugged"), "lost", "take_pictures failed: OSError('unplugged')"),
-        ("take_pictures", TimeoutError("no frame"), "lost", "take_pictures failed: TimeoutError('no frame')"),
         ("take_pictures", (DARK,), ValueError, f"take_pictures gave ({DARK!r:.20}"),
-        ("take_pictures", 3, ValueError, f"take_pictures gave 3; {PICTURES}"),
         ("take_pictures", (DARK, DARK[..., 0]), ValueError, f"a right picture (48, 64) of uint8; {PICTURES}"),
         ("take_pictures", (DARK / 255, DARK), ValueError, "a left picture (48, 64, 3) of float64"),
-        ("take_pictures", (DARK, "DARK"), ValueError, "a right picture () of str"),
         ("go_to", OSError("no bus"), OSError, "no bus"),
     ],
 )
@@ -142,8 +125,10 @@ def test_words_are_checked_before_anything_moves(words):
 @pytest.mark.parametrize("function", ["go_to", "take_pictures"])
 def test_a_function_that_hangs_is_named_and_called_no_more(function):
     arm, env = made(patience=0.2)
-    env.reset()
     go_on = threading.Event()
+    arm.gives["place_object"] = lambda: go_on.wait(0.3)  # which may take as long as it takes
+    env.reset()
+    arm.gives.clear()
     arm.gives[function] = go_on.wait
     for again in (lambda: env.step(np.full(5, 0.1)), env.reset):
         with pytest.raises(
@@ -152,12 +137,6 @@ def test_a_function_that_hangs_is_named_and_called_no_more(function):
             again()
     assert len(arm.sent) == 2
     go_on.set()
-
-
-def test_the_object_may_be_placed_for_as_long_as_it_takes():
-    arm, env = made(patience=0.1)
-    arm.gives["place_object"] = lambda: threading.Event().wait(0.3)
-    env.reset()
 
 
 def test_no_motor_goes_farther_at_once_than_it_may():
@@ -172,34 +151,25 @@ def test_no_motor_goes_farther_at_once_than_it_may():
     assert not arm.at.any()
 
 
-@pytest.mark.parametrize("wrong", [0, -0.1, 1.5, np.nan, "a", None, True])
+def test_home_is_told_as_it_was_measured_and_words_lead_on_from_there():
+    arm, env = made(Arm(noise=0.001))
+    told = env.reset()[0]["observation"][4:]
+    assert 0 < np.abs(told).max() < 0.01
+    assert not arm.sent[-1].any()
+    env.step(np.full(5, 0.1))
+    np.testing.assert_allclose(arm.sent[-1], told + 0.1, atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [0, 1.5, np.nan, "a", None, True])
 def test_a_greatest_motion_that_is_none_is_refused(wrong):
     with pytest.raises(ValueError, match=f"greatest_motion is {wrong!r}; it must be a number above 0"):
         made(greatest_motion=wrong)
 
 
-def test_home_is_told_as_it_was_measured():
-    arm, env = made(Arm(noise=0.001))
-    observation, _ = env.reset()
-    told = observation["observation"][4:]
-    assert told.any()
-    assert np.abs(told).max() < 0.01
-    assert not arm.sent[-1].any()
-    observation, *_ = env.step(np.full(5, 0.1))
-    np.testing.assert_allclose(arm.sent[-1], told + 0.1, atol=1e-6)
-
-
 @pytest.mark.parametrize("size", [0.1, 0.5])
 @pytest.mark.parametrize(
     ("noise", "step", "shortfall"),
-    [
-        (0, 0, 0),
-        (0.002, 0, 0),
-        (0, 0.0015, 0),
-        (0, 2 * np.pi / 4096, 0.02),
-        (0.0005, 0.0015, 0.05),
-        (0.001, 0, 0.01),
-    ],
+    [(0, 0, 0), (0.002, 0, 0), (0, 0.0015, 0), (0, 2 * np.pi / 4096, 0.02), (0.0005, 0.0015, 0.05)],
 )
 def test_errors_of_registers_are_found(noise, step, shortfall, size):
     """Against those that the arm has: of steps 0.29 of one, as those of a uniform distribution."""
@@ -211,39 +181,9 @@ def test_errors_of_registers_are_found(noise, step, shortfall, size):
     np.testing.assert_allclose(found.shortfall, shortfall, atol=3 * own_robot.UNSURE)
 
 
-def test_nothing_is_said_before_there_is_enough():
-    _, env = made(Arm(noise=0.01))
-    assert env.register_errors is None
-    assert np.isnan(moved(env, own_robot.ENOUGH - 1)).all()
-    assert not np.isnan(moved(env, 1).noise).any()
-    _, env = made(Arm(noise=0.01))
-    assert np.isnan(moved(env, 100, size=0.01).shortfall).all(), "noise hides it"
-    _, env = made(Arm(noise=0.01))
-    env.reset()
-    for _ in range(50):
-        env.step(np.array([0.05, 0, 0, 0, 0]))
-        env.step(np.array([-0.05, 0, 0, 0, 0]))
-    assert np.isnan(env.register_errors.noise).tolist() == [False, True, True, True, True]
-
-
-def test_words_that_are_multiples_are_no_steps_of_the_robot():
-    _, env = made()
-    env.reset()
-    for motion in range(60):
-        env.step(np.full(5, 0.125 if motion % 3 else -0.25))
-    assert not env.register_errors.step.any()
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        ["--register-noise", "0.001"],
-        pytest.param(["--register-step", "0.0015"], marks=pytest.mark.slow),
-        pytest.param(["--shortfall", "0.01"], marks=pytest.mark.slow),
-    ],
-)
-def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(robot, opengl):
-    line, told = output("own_robot.py", "--motions", "40", "--registers", *robot).splitlines()
+def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(opengl):
+    robot = ("--registers", "--register-noise", "0.001", "--register-step", "0.0015", "--shortfall", "0.01")
+    line, told = output("own_robot.py", "--motions", "40", *robot).splitlines()
     motions = [int(each) for each in line.partition(":")[2].split()]
     assert len(motions) >= 3
     assert max(motions[:3]) <= 15

@@ -8,11 +8,7 @@ from calfree_gym.robot.arms.movemaster import JOINT_LIMITS, SPAN
 
 
 def points_jacobian(env, registers=None):
-    """∂(gripper and object points)/∂registers (8, 3), noise-free, with the arm at `registers` or where it is.
-
-    The chain of the motor map's derivative, the kinematics' (mj_jac of the points and of the cameras, which
-    turn with the waist on the waist mount), the pinhole's and the lens's.
-    """
+    """∂(gripper and object points)/∂registers (8, 3), noise-free, at `registers` or where the arm is."""
     return _points_and_jacobian(env, registers)[1]
 
 

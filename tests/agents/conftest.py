@@ -43,11 +43,7 @@ def noise_free(make_env):
 
 @pytest.fixture(scope="session")
 def live():
-    """Lets an agent learn in an environment, and counts the motions of each trial.
-
-    For so many whole trials, or for so many motions; then the last count is of a trial cut off. The seed,
-    where there is one, draws the environment's world. Returns the agent and the counts.
-    """
+    """Lets an agent learn in an environment, and counts the motions of each trial."""
 
     def learn(name, env, seed=None, trials=None, motions=None, **settings):
         log = Lengths(env)
@@ -63,10 +59,7 @@ def live():
 
 @pytest.fixture(scope="session")
 def reach(make_env):
-    """Lets a new agent make one trial in each world.
-
-    Returns the share that ended at the rendezvous, and the medians of motions and of millimetres off.
-    """
+    """Lets a new agent make one trial in each world."""
 
     def make_trials(name, seeds, mount="waist", options=None, **settings):
         records = []

@@ -9,12 +9,7 @@ HOME = np.array([[0.1, 0.1], [-0.2, 0.0], [0.3, -0.3], [0.0, 0.2]])
 
 
 class LinearArm:
-    """Points (4, 2) that registers move linearly; motors stop at bounds of their own.
-
-    Attributes:
-        jacobian: Points by words (8, 3): each motor moves some point by as many pixels as its word is given.
-        registers: Of the motors (3,).
-    """
+    """Points (4, 2) that registers move linearly; motors stop at bounds of their own."""
 
     def __init__(self, px_by_word, lowest=-1.0, highest=1.0, home=HOME):
         directions = np.array([[1, 0], [0, 1], [-0.6, 0.8], [0, 0]])

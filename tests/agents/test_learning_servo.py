@@ -31,7 +31,6 @@ def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
 
 @pytest.mark.parametrize("name", ["unified_servo", pytest.param("memory", marks=pytest.mark.slow)])
 def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env, name):
-    """What lasts, such as how noisy points are, must not be learned from the change."""
     replaced = [{"type": "camera_replace", "camera": camera} for camera in ("left", "right")]
     env = make_env(perturbations=[{"every": {"trial": 1}, "do": each} for each in replaced])
     lengths = live(name, env, 0, motions=300)[1][:-1]
@@ -40,10 +39,6 @@ def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env,
 
 
 def test_late_observations_teach_nothing_false(lengths_of):
-    """One that comes one motion late shows the gripper where it was: as a pair it would be wrong.
-
-    It shows the rendezvous one motion late, too: no trial can end with the first motion.
-    """
     lengths = lengths_of({"type": "latency", "motions": 1})
     assert max(lengths) < 60
     assert np.mean(lengths[-20:]) < 1 + 1.8
@@ -65,33 +60,8 @@ def test_trials_that_end_before_anything_was_seen_teach_nothing(make_env, share)
     assert agent.num_timesteps == 300
 
 
-def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp_path):
-    env, damaged = make_env(), tmp_path / "damaged.npz"
-    agents.make("memory", env).learn(30).save(tmp_path / "whole.npz")
-    with np.load(tmp_path / "whole.npz") as file:
-        arrays = dict(file)
-    fresh = agents.make("memory", env)
-    for name in ("gripper/places", "object/lengths", "home", "usual_scores", "clock", "suspects/trials"):
-        np.savez(damaged, **{key: array for key, array in arrays.items() if key != name})
-        with pytest.raises(ValueError, match=r"damaged\.npz is damaged"):
-            fresh.load(damaged)
-        assert fresh.num_timesteps == 0
-        assert len(fresh.adaptation.known.gripper) == 0
-    with pytest.raises(ValueError, match=r"on_change=recognise.*on_change=keep"):
-        agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
-
-
-def test_the_first_trial_is_the_bare_servos(lengths_of):
-    assert lengths_of(None, 30)[0] == lengths_of(None, 30, "unified_servo")[0]
-
-
 class Notes:
-    """Knows nothing, and notes what it is taught: the object as seen from home, and registers.
-
-    Attributes:
-        taught: How far off, in pixels, gripper and object truly are at the registers that it was taught, and
-            at those at which the trial ended.
-    """
+    """Knows nothing, and notes what it is taught: the object as seen from home, and registers."""
 
     prior_knowledge = frozenset()
 
@@ -111,26 +81,16 @@ class Notes:
         at_home = analytic.points(self.env, np.zeros(3))
         np.testing.assert_allclose(sensors, at_home[2:].ravel(), atol=1e-6)
         ended_at = self.env.unwrapped.arms.registers[0].copy()
-        self.taught.append([self.error_px(there) for there in (registers, ended_at)])
-
-    def error_px(self, registers):
-        points = analytic.points(self.env, registers)
-        return lengths_px(points[:2] - points[2:]).max()
-
-
-def taught_by_successes(env):
-    """What successes alone teach in sixty motions in a wild world without noise."""
-    notes = Notes(env)
-    LearningServo(env, notes, UnifiedServo(), jump_px=np.inf, every_look=False).learn(60)
-    return notes.taught
+        points = [analytic.points(self.env, there) for there in (registers, ended_at)]
+        self.taught.append([lengths_px(each[:2] - each[2:]).max() for each in points])
 
 
 def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(noise_free, mount):
-    """The trial ends somewhere within tolerance; by its Jacobian the servo knows what was left to go.
-
-    One that ended with its first motion has told nothing of it, and teaches where it ended.
-    """
-    taught = [each for seed in range(4) for each in taught_by_successes(noise_free(mount, seed))]
+    taught = []
+    for seed in range(4):
+        notes = Notes(noise_free(mount, seed))
+        LearningServo(notes.env, notes, UnifiedServo(), jump_px=np.inf, every_look=False).learn(60)
+        taught += notes.taught
     corrected, ended = np.array(taught).T
     assert len(taught) > 20
     assert np.median(ended) > 1  # there was something to correct
@@ -139,7 +99,6 @@ def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(noise
 
 
 def test_a_success_is_remembered_at_the_true_rendezvous(noise_free, mount):
-    """By the true Jacobian c* = c - J⁺ d meets what Newton's method finds in the true world."""
     env = noise_free(mount, 5, terminate_on_success=False)
     env.reset()
     agent = agents.make("factored_table", env)
@@ -153,7 +112,6 @@ def test_a_success_is_remembered_at_the_true_rendezvous(noise_free, mount):
 
 
 def test_what_ended_late_is_remembered_where_it_ended(make_env):
-    """Points further apart than any tolerance came late: they do not belong to the last registers."""
     agent = agents.make("factored_table", make_env())
     jacobian = np.random.default_rng(0).normal(size=(8, 3))
     points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
@@ -162,7 +120,6 @@ def test_what_ended_late_is_remembered_where_it_ended(make_env):
 
 
 def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):
-    """Nothing, where nothing is known; later, how far off its first motions do end up."""
     env = make_env()
     empty = agents.make("memory", env)
     observation, _ = env.reset(seed=4)
@@ -178,13 +135,3 @@ def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):
     noise = 1.0  # of the object's points, in the worse image; it is no part of what is expected
     assert np.median(errors) < 2 * np.median(expected) + noise
     assert np.median(expected) < 4
-
-
-def test_it_recalls_nothing_for_an_object_that_it_does_not_see(make_env):
-    env = make_env()
-    agent = agents.make("support_points", env).learn(400)
-    observation, _ = env.reset()
-    assert agent._recall(Observation.of(observation)) is not None
-    observation["observation"][2] = 0.0  # hidden in the left image
-    observation["desired_goal"][:2] = 0.0
-    assert agent._recall(Observation.of(observation)) is None

@@ -5,12 +5,7 @@ import numpy as np
 
 
 class Lengths(gym.Wrapper):
-    """Counts the motions of each trial.
-
-    Attributes:
-        lengths: Of each trial, the present one included.
-        seed: Of the first reset, where one is given.
-    """
+    """Counts the motions of each trial."""
 
     def __init__(self, env):
         super().__init__(env)
@@ -29,11 +24,7 @@ class Lengths(gym.Wrapper):
 
 
 def motions_of(agent, env, observation=None, **reset):
-    """Makes one trial without learning, from a reset or from an observation.
-
-    Yields of each motion its words, the observation after it, whether that ended the trial at the rendezvous,
-    and the info.
-    """
+    """Makes one trial without learning, from a reset or from an observation."""
     if observation is None:
         observation, _ = env.reset(**reset)
     state, over = None, False
@@ -45,10 +36,7 @@ def motions_of(agent, env, observation=None, **reset):
 
 
 def carry_out(procedure, observed, most=None):
-    """Answers the words of a procedure by what is then `observed`, to its end or for so many motions.
-
-    Returns all words (n, m), and what the procedure returned.
-    """
+    """Answers the words of a procedure by what is then `observed`, to its end or for so many motions."""
     sent = []
     try:
         words = next(procedure)

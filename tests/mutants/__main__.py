@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -47,53 +48,42 @@ def main() -> int:
             copy = Path(folder) / str(job) / ROOT.name
             shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*LEFT_OUT))
             copies.put(copy)
-        if not _pass_unedited(chosen, copies, arguments.jobs):
-            return 1
-        verdicts = _verdicts(chosen, copies, arguments.jobs)
+        first = copies.get()
+        named = sorted({test for mutant in chosen for test in mutant.tests})
+        if _pytest(first, [*named, "-n", str(arguments.jobs)], quiet=False, seconds=10 * SECONDS) != 0:
+            return 1  # where nothing is edited they are to pass
+        copies.put(first)
+        with ThreadPoolExecutor(arguments.jobs) as pool:
+            verdicts = dict(zip(chosen, pool.map(partial(_verdict, copies), chosen), strict=True))
     bad = [f"{mutant.name}: {verdict}" for mutant, verdict in verdicts.items() if verdict != NOTICED]
     print(f"\n{len(chosen) - len(bad)} of {len(chosen)} noticed in {time.monotonic() - start:.0f} s")
     print("\n".join(bad))
     return 1 if bad else 0
 
 
-def _pass_unedited(chosen: Sequence[Mutant], copies: SimpleQueue[Path], jobs: int) -> bool:
-    """Whether the named tests pass as long as nothing is edited: else their failure would say nothing."""
-    copy = copies.get()
-    named = sorted({test for mutant in chosen for test in mutant.tests})
-    code = _pytest(copy, [*named, "-n", str(jobs)], quiet=False, seconds=10 * SECONDS)
-    copies.put(copy)
-    return code == 0
+def _verdict(copies: SimpleQueue[Path], mutant: Mutant) -> str:
+    """What becomes of a mutant in one of the copies."""
+    copy, start = copies.get(), time.monotonic()
+    try:
+        verdict = _tried(mutant, copy)
+    finally:
+        copies.put(copy)
+    print(f"{verdict:<16} {time.monotonic() - start:5.1f} s  {mutant.name} ({mutant.file})", flush=True)
+    return verdict
 
 
-def _verdicts(chosen: Sequence[Mutant], copies: SimpleQueue[Path], jobs: int) -> dict[Mutant, str]:
-    """What becomes of each mutant."""
-
-    def judge(mutant: Mutant) -> str:
-        copy = copies.get()
-        start = time.monotonic()
-        try:
-            verdict = _verdict(mutant, copy)
-        finally:
-            copies.put(copy)
-        print(f"{verdict:<16} {time.monotonic() - start:5.1f} s  {mutant.name} ({mutant.file})", flush=True)
-        return verdict
-
-    with ThreadPoolExecutor(jobs) as pool:
-        return dict(zip(chosen, pool.map(judge, chosen), strict=True))
-
-
-def _verdict(mutant: Mutant, copy: Path) -> str:
+def _tried(mutant: Mutant, copy: Path) -> str:
     """Edits the copy, runs the tests, and undoes the edit."""
     path = copy / mutant.file
     original = path.read_text(encoding="utf-8")
     try:
-        _write(path, mutant.applied(original))
+        path.write_text(mutant.applied(original), encoding="utf-8")
     except ValueError:
         return "does not apply"
     try:
         code = _pytest(copy, ["-x", *mutant.tests], quiet=True, seconds=SECONDS)
     finally:
-        _write(path, original)
+        path.write_text(original, encoding="utf-8")
     if code is None:
         return "took too long"
     if code in (FAILED, BROKEN):
@@ -101,21 +91,13 @@ def _verdict(mutant: Mutant, copy: Path) -> str:
     return SURVIVED if code == 0 else f"pytest exits with {code}"
 
 
-def _write(path: Path, text: str) -> None:
-    """Writes a module, and forgets its bytecode: by size and second two edits may look the same."""
-    path.write_text(text, encoding="utf-8")
-    for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
-        compiled.unlink()
-
-
 def _pytest(copy: Path, arguments: Sequence[str], quiet: bool, seconds: float) -> int | None:
     """What pytest exits with in a copy; None where it takes too long."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
     output = subprocess.DEVNULL if quiet else None
     process = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
         cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy)},
+        env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},  # edits may look alike
         stdout=output,
         stderr=output,
         start_new_session=True,

@@ -1,5 +1,6 @@
 """What a procedure finds out in a trial, and who gets it."""
 
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -9,13 +10,11 @@ import agents
 from agents.base.procedure import ProcedureAgent
 from tests.agents.trials import motions_of
 
+GOALS = ("achieved_goal", "desired_goal")
+
 
 class Diary(ProcedureAgent):
-    """Stands still, and finds out what it observes.
-
-    Attributes:
-        trials: What learn handed over: findings, last observation, and whether the trial had ended.
-    """
+    """Stands still, and finds out what it observes."""
 
     kind = "Diary"
 
@@ -46,17 +45,6 @@ def test_learn_hands_over_all_that_was_observed_in_whole_trials_and_nothing_of_o
         np.testing.assert_allclose([each.registers[0] for each in findings], 0.01 * np.arange(5), atol=1e-6)
 
 
-def test_predict_hands_over_nothing(make_env):
-    env = make_env(max_episode_steps=4, tolerance_px=1e-3)
-    agent, state = Diary(env), None
-    observation, _ = env.reset(seed=0)
-    for _ in range(4):
-        words, state = agent.predict(observation, state)
-        observation, *_ = env.step(words)
-    agent.predict(env.reset()[0], state, episode_start=np.array([True]))
-    assert not agent.trials
-
-
 def test_a_procedure_that_has_ended_sends_zero_words(make_env):
     class Once(Diary):
         def procedure(self, first, findings):
@@ -75,6 +63,7 @@ def test_a_procedure_that_has_ended_sends_zero_words(make_env):
         ({"achieved_goal": np.full(4, np.nan)}, r"achieved_goal is \[nan.*must be finite"),
         ({"desired_goal": np.zeros(3)}, r"desired_goal has shape \(3,\); it must be \(4,\)"),
         ({"observation": np.zeros(8)}, r"shape \(8,\).*as in the environment that the agent"),
+        ({**dict.fromkeys(GOALS, np.zeros((2, 4))), "observation": np.zeros((3, 7))}, "must have as many"),
     ],
 )
 @pytest.mark.parametrize(
@@ -88,40 +77,22 @@ def test_what_is_no_observation_is_refused(make_env, name, change, said):
         agents.make(name, env).predict(wrong)
 
 
+def of_another(name, env, observation, **settings):
+    return agents.make(name, env, **settings).predict(observation)[1]
+
+
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "state", "said"),
     [
-        ("paper_servo", "the state holds 5; pass"),
-        ("recurrent_servo", "the state is 5; pass the state back"),
-        ("recurrent_ppo", "the state is 5; pass the state back"),
+        ("paper_servo", lambda *_: 5, "the state holds 5; pass"),
+        ("recurrent_servo", lambda *_: 5, "the state is 5; pass the state back"),
+        ("recurrent_ppo", lambda *_: 5, "the state is 5; pass the state back"),
+        ("unified_servo", partial(of_another, "memory"), r"trial of Memory \(.*, 3 motors\); pass the state"),
+        ("unified_servo", partial(of_another, "unified_servo", probe_px=24.0), "holds a trial of "),
     ],
 )
-def test_what_is_no_state_is_refused(make_env, name, said):
+def test_what_is_no_state_of_its_own_is_refused(make_env, name, state, said):
     env = make_env()
     observation, _ = env.reset(seed=0)
     with pytest.raises(ValueError, match=said):
-        agents.make(name, env).predict(observation, 5)
-
-
-@pytest.mark.parametrize(
-    ("name", "settings", "said"),
-    [
-        ("memory", {}, r"Memory \(.*, 3 motors\); pass the state back"),
-        ("unified_servo", {"probe_px": 24.0}, ""),
-    ],
-)
-def test_the_state_of_another_agent_is_refused(make_env, name, settings, said):
-    env = make_env()
-    observation, _ = env.reset(seed=0)
-    _, state = agents.make(name, env, **settings).predict(observation)
-    with pytest.raises(ValueError, match=f"the state holds a trial of {said}"):
-        agents.make("unified_servo", env).predict(observation, state)
-
-
-def test_rows_that_differ_are_refused(make_env):
-    env = make_env()
-    observation, _ = env.reset(seed=0)
-    several = {key: np.stack([value] * 2) for key, value in observation.items()}
-    several["observation"] = np.stack([observation["observation"]] * 3)
-    with pytest.raises(ValueError, match="all keys must have as many"):
-        agents.make("unified_servo", env).predict(several)
+        agents.make(name, env).predict(observation, state(env, observation))

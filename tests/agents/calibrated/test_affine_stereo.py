@@ -1,7 +1,7 @@
 """Affine stereo in worlds that are affine, where all that it assumes is exact; and in the simulation."""
 
 from functools import partial
-from itertools import chain, count, repeat
+from itertools import count
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import pytest
 import agents
 import calfree_gym
 from agents.base.observation import Observation
-from agents.calibrated.affine_stereo import Affine, AffineStereo
+from agents.calibrated.affine_stereo import AffineStereo
 from agents.calibrated.robot_model import RobotModel
 from experiments.evaluation import evaluate
 from tests.agents.trials import carry_out
@@ -42,20 +42,6 @@ class AffineWorld:
         return Observation(np.reshape(points, (4, 2)), np.ones(4, bool), self.registers.copy(), told)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_four_positions_determine_all_of_an_affine_world(seed):
-    """Twelve parameters map displacements; the offsets are those of the first position."""
-    rng = np.random.default_rng(seed)
-    matrix, arm, offset = rng.standard_normal((8, 3)), rng.standard_normal((3, 3)), rng.standard_normal(8)
-    positions = rng.standard_normal((4, 3))
-    affine = Affine.through(positions, positions @ matrix.T + offset, positions @ arm.T)
-    np.testing.assert_allclose(affine.points, matrix)
-    np.testing.assert_allclose(affine.arm, arm)
-    elsewhere = rng.standard_normal(3)
-    predicted = positions[0] @ matrix.T + offset + affine.moved(arm @ (elsewhere - positions[0])).ravel()
-    np.testing.assert_allclose(predicted, matrix @ elsewhere + offset)
-
-
 @pytest.mark.parametrize("gain", [0.3, 0.6])
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(told, gain, seed):
@@ -71,17 +57,7 @@ def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(told, gain, se
     np.testing.assert_allclose(shares, 1 - gain, rtol=1e-3)
 
 
-def test_it_uses_four_positions_and_none_after_them(told):
-    made = []
-    for later in (None, np.full(3, np.nan)):
-        world, positions = AffineWorld(5), chain([None] * 3, repeat(later))
-        running = AffineStereo(told()).procedure(world.observed(), None)
-        made.append(carry_out(running, lambda words, w=world, p=positions: w.observed(words, next(p)), 8)[0])
-    np.testing.assert_array_equal(*made)
-
-
 def test_a_position_at_which_a_point_is_missing_is_looked_at_again(told):
-    """And so the affine function is the same as where none was."""
     steps = []
     for missing in ((), (0, 3)):
         world, looks = AffineWorld(5), count()
@@ -94,16 +70,6 @@ def test_a_position_at_which_a_point_is_missing_is_looked_at_again(told):
         words, _ = carry_out(AffineStereo(told()).procedure(look(), None), look, 6 + len(missing))
         steps.append(words[words.any(1)])
     np.testing.assert_allclose(*steps, atol=1e-6)
-
-
-def test_linear_errors_of_the_arm_are_corrected_by_the_known_positions():
-    """The same steps, whatever linear map stands between the nominal arm and the true one."""
-    rng, way = np.random.default_rng(0), np.array([0.02, -0.01, 0.03])
-    matrix, positions = rng.standard_normal((8, 3)), rng.standard_normal((4, 3))
-    arm = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
-    affine = Affine.through(positions, positions @ matrix.T, positions @ arm.T)
-    step = affine.step((matrix[:4] - matrix[4:]) @ way, 0.5)
-    np.testing.assert_allclose(np.linalg.solve(arm, step), -0.5 * way)
 
 
 def test_the_nominal_robot_reaches(told, mount):

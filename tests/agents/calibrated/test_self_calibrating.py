@@ -5,16 +5,13 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.base import storage
 from agents.base.observation import Observation
 from agents.calibrated.identification import identify
 from agents.calibrated.prediction import Measurements, named
 from agents.calibrated.robot_model import RobotModel
 from agents.calibrated.self_calibrating import Validity, ValidityCheck
 from calfree_gym.image import lengths_px
-from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
-from tests.agents.trials import assert_same_arrays
 
 PLACES = ((0.38, 0.1, 0.1), (0.42, -0.1, 0.2), (0.45, 0.05, 0.06), (0.36, -0.05, 0.15))
 
@@ -33,7 +30,6 @@ def wandering(env, place, motions, rng):
 
 @pytest.mark.parametrize("seed", [3000, 3007, 3013])
 def test_what_is_identified_predicts_what_was_not_seen(noise_free, mount, seed):
-    """Held-out images of both points and the motors' signs, from three trials without noise."""
     env, rng = noise_free(mount, seed, terminate_on_success=False), np.random.default_rng(seed)
     measured, held_out = Measurements.none(), []
     for place in PLACES[:3]:
@@ -48,42 +44,6 @@ def test_what_is_identified_predicts_what_was_not_seen(noise_free, mount, seed):
     for trial, object_ in zip(held_out, found.objects, strict=True):
         predicted = model.points(trial.registers, np.tile(object_, (len(trial.registers), 1)))
         assert lengths_px(predicted - trial.points)[trial.seen].max() < 2
-
-
-def test_true_parameters_come_out_where_images_determine_them(noise_free, mount):
-    """Elbow angles do not hang on where the frame lies or how large the world is."""
-    env, rng = noise_free(mount, 3002, terminate_on_success=False), np.random.default_rng(0)
-    measured, angles = Measurements.none(), []
-    for place in PLACES:
-        trial, joints = wandering(env, place, 20, rng)
-        measured, angles = measured.with_trial(trial), [*angles, joints]
-    built = RobotModel.of(calfree_gym.nominal(), mount)
-    turned = identify(measured, built).model(built).joints(measured.registers)
-    true = np.concatenate(angles)
-    np.testing.assert_allclose(turned[:, 2] - turned[0, 2], true[:, 2] - true[0, 2], atol=0.03)
-    assert np.ptp(true[:, 2]) > 0.3
-
-
-def test_measurements_are_inconsistent_where_the_world_has_changed_and_not_where_it_has_not(make_env, mount):
-    env, rng = make_env(mount, terminate_on_success=False).unwrapped, np.random.default_rng(1)
-    env.reset(seed=3004)
-    built, measured = RobotModel.of(calfree_gym.nominal(), mount), Measurements.none()
-    for place in PLACES[:3]:
-        measured = measured.with_trial(wandering(env, place, 6, rng)[0])
-    known = identify(measured, built)
-    assert 0.25 < np.sqrt(np.mean(known.residuals_px**2)) < 0.55
-    innovations = []
-    for world in (env.world, CameraRoll("right", 8.0).apply(env.world, rng)):
-        env.set_world(world)
-        later = measured.with_trial(wandering(env, (0.40, 0.0, 0.15), 3, rng)[0])
-        innovations.append(known.innovation(identify(later, built, known=known), noise_px=0.5))
-    assert innovations[0] < 12 < 50 < innovations[1]
-
-
-def test_it_reaches_in_wild_worlds_beginning_with_nothing(reach, mount):
-    share, motions, _ = reach("self_calibrating", range(3020, 3035), mount, camera_mount=mount)
-    assert share >= 0.93
-    assert motions <= 9
 
 
 @pytest.mark.parametrize(
@@ -107,7 +67,6 @@ def test_after_sixty_motions_it_reaches_at_once(make_env, mount, worlds, trials,
 
 @pytest.mark.parametrize("change", ["camera_roll", "motor_sign"])
 def test_it_keeps_determining_the_parameters(live, make_env, mount, change):
-    """A camera rolled, a motor reversed: found out within a trial, and known from then on."""
     env = make_env(mount, perturbations=[{"at": {"trial": 3}, "do": {"type": change}}])
     env.reset(seed=3003)
     _, motions = live("self_calibrating", env, trials=9, camera_mount=mount)
@@ -116,89 +75,13 @@ def test_it_keeps_determining_the_parameters(live, make_env, mount, change):
     assert np.mean(motions[5:]) <= 2.5
 
 
-@pytest.fixture(scope="module")
-def learned(make_env):
-    """A robot that has identified itself in a wild world."""
-    env = make_env()
-    env.reset(seed=3000)
-    return agents.make("self_calibrating", env).learn(12)
-
-
-def in_version_0_1(arrays):
-    """Arrays as version 0.1 saved them: eight coordinates, each with its flag, a measurement."""
-    flat = {name: arrays[name].reshape(-1, 8) for name in ("points", "residuals_px")}
-    kept = {name: array for name, array in arrays.items() if name != "residuals_px"}
-    seen = np.repeat(arrays["seen"], 2, 1)
-    return {**kept, "points": flat["points"], "off_px": flat["residuals_px"], "seen": seen}
-
-
-def test_what_it_has_measured_and_identified_is_saved_and_loaded(learned, tmp_path):
-    learned.save(tmp_path / "robot.npz")
-    loaded = agents.make("self_calibrating", learned.env).load(tmp_path / "robot.npz")
-    assert loaded.arrays()["points"].shape[1:] == (4, 2)
-    assert loaded.arrays()["seen"].shape[1:] == (4,)
-    assert_same_arrays(loaded, learned)
-
-
-def test_older_files_load_with_a_warning(learned, tmp_path):
-    """They go on as if they had been saved today: same arrays, same words."""
-    path, robot = tmp_path / "old.npz", agents.make("self_calibrating", learned.env)
-    storage.save(path, learned.kind, in_version_0_1(learned.arrays()), 12, 3)
-    with pytest.warns(UserWarning, match=r"version 0\.1"):
-        robot.load(path)
-    assert robot.num_timesteps == 12
-    assert_same_arrays(robot, learned)
-    home, _ = learned.env.reset(seed=3001)
-    np.testing.assert_array_equal(robot.predict(home)[0], learned.predict(home)[0])
-    storage.save(path, "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12, 3)
-    with pytest.warns(UserWarning, match=r"motor_curve='cubic', lens='radial'\)"):
-        robot.load(path)
-    with pytest.raises(ValueError, match=r"this agent is .*motor_curve='linear'"):
-        agents.make("self_calibrating", learned.env, motor_curve="linear").load(path)
-
-
 def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):
-    """It identifies all the rest, and still reaches where motors are curved and lenses distort."""
     env = make_env()
     env.reset(seed=3004)
     robot = agents.make("self_calibrating", env, motor_curve="linear", lens="none").learn(25)
     for name, values in named(robot.calibration.known.parameters).items():
         assert (np.abs(values) < 1e-6).all() == (name in ("motor_curvature", "lens_k1"))
     assert all(record.rendezvous for record in evaluate(robot, env, trials=4, seed=8))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        ("points", np.zeros((5, 4)), r"points have shape \(5, 4\), here \(any, 4, 2\) is wanted"),
-        ("seen", np.ones((3, 4), bool), "seen have shape"),
-        ("registers", np.zeros((2, 3)), "registers have shape"),
-        ("parameters", np.zeros(30), r"parameters have shape \(30,\), here \(31\) is wanted"),
-        ("objects", np.zeros((0, 3)), "objects have shape"),
-        ("signs", None, "holds no signs"),
-        ("residuals_px", None, "holds no residuals_px"),
-        ("trial", np.full(1000, 1), "trial have shape"),
-    ],
-)
-def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, name, value, error):
-    arrays = learned.arrays() | {name: value}
-    if value is None:
-        del arrays[name]
-    storage.save(tmp_path / "damaged.npz", learned.kind, arrays, 12, 3)
-    robot = agents.make("self_calibrating", learned.env)
-    with pytest.raises(ValueError, match=f"damaged.npz is damaged: .*{error}"):
-        robot.load(tmp_path / "damaged.npz")
-    assert not robot.arrays()
-
-
-def test_trials_count_from_0_also_of_the_latest_measurements(learned):
-    arrays = learned.arrays()
-    with pytest.raises(ValueError, match="trial must count from 0"):
-        Measurements.of_arrays({**arrays, "trial": arrays["trial"] + 1})
-    measured = Measurements.of_arrays(arrays)
-    latest = measured.latest(3)
-    np.testing.assert_array_equal(latest.points, measured.points[-3:])
-    np.testing.assert_array_equal(latest.trial, measured.trial[-3:] - measured.trial[-3])
 
 
 USUAL, INCONSISTENT, NEAR_PX, FAR_PX, NOISE_PX = 4.0, 60.0, 1.0, 5.0, 0.5

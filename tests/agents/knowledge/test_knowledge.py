@@ -37,14 +37,15 @@ def recalled(knowledge, places):
     ]
 
 
+@pytest.mark.parametrize("kalman", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=15)
 @given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
-def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, registers):
-    knowledge = agents.KNOWLEDGE[name](3)
+def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, kalman, registers):
+    knowledge = agents.KNOWLEDGE[name](3, kalman=kalman)
     assert knowledge.recall(np.zeros(4)) is None
     assert knowledge.jacobian(np.zeros(3)) is None
-    for _ in range(3):
+    for _ in range(6):
         knowledge.learn(seen(registers), registers)
     recall = knowledge.recall(seen(registers))
     assert missed_px(recall, seen(registers)) < 3
@@ -63,14 +64,6 @@ def test_between_what_was_learned_it_is_as_right_as_it_says(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_far_from_all_that_was_learned_is_doubtful(name):
-    knowledge = taught(name, 8)
-    near, far = seen(np.array([0.05, 0.0, 0.05])), np.array([0.9, -0.9, -0.9, 0.9])
-    close, doubtful = knowledge.recall(near), knowledge.recall(far)
-    assert doubtful is None or close is None or doubtful.deviation_px > 2 * close.deviation_px
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_what_is_restored_recalls_and_learns_alike_and_what_was_handed_out_stays(name):
     knowledge, again = taught(name), agents.KNOWLEDGE[name](3)
     arrays = knowledge.arrays()
@@ -84,19 +77,3 @@ def test_what_is_restored_recalls_and_learns_alike_and_what_was_handed_out_stays
             for key, array in arrays.items():
                 np.testing.assert_array_equal(array, before[key])
     assert recalled(knowledge, places) == recalled(again, places)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_foreign_shapes_are_not_restored(name):
-    knowledge, other = taught(name), taught(name)
-    places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
-    before = recalled(knowledge, places)
-    for key, array in other.arrays().items():
-        with pytest.raises(ValueError, match=f"{key}.*shape"):
-            knowledge.restore({**other.arrays(), key: array[..., None]})
-        with pytest.raises(ValueError, match=f"holds no {key}"):
-            knowledge.restore({k: v for k, v in other.arrays().items() if k != key})
-    foreign = agents.KNOWLEDGE[name](2)
-    with pytest.raises(ValueError, match="shape"):
-        foreign.restore(other.arrays())
-    assert recalled(knowledge, places) == before

@@ -1,6 +1,5 @@
 """Support points where they are needed (paper, section 4.3)."""
 
-import time
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,6 @@ taught = partial(taught_any, "support_points")
 
 @pytest.mark.parametrize("count", range(1, 8))
 def test_one_to_seven_points_are_enough_to_recall(count):
-    """Few points know few directions: what they leave open is told as deviation."""
     knowledge = taught(count)
     sensors = seen(np.array([0.1, -0.1, 0.1]))
     recall = knowledge.recall(sensors)
@@ -26,12 +24,6 @@ def test_one_to_seven_points_are_enough_to_recall(count):
         np.testing.assert_allclose(recall.registers, knowledge.registers[0], atol=1e-9)
         assert recall.deviation_px > 0.9 * missed_px(recall, sensors)
     assert knowledge.jacobian(np.zeros(3)) is None
-
-
-def test_where_all_is_straight_no_more_points_are_made_than_a_plane_needs():
-    straight, bent = (taught(300, world=world) for world in (lambda r: r @ JACOBIAN.T, lambda r: seen(4 * r)))
-    assert len(straight.sensors) < 20
-    assert len(bent.sensors) > 2 * len(straight.sensors)
 
 
 def test_a_jacobian_is_implied_where_enough_is_known():
@@ -55,50 +47,8 @@ def test_a_fit_to_a_plane_is_the_plane(centre, apart):
     assert variance < 5
 
 
-def test_the_bound_holds_and_the_most_uncertain_go():
-    knowledge = taught(300, world=lambda r: seen(4 * r), points=40)
-    assert len(knowledge.sensors) == 40
-    assert knowledge.variances.max() < 40
-    assert missed_px(knowledge.recall(np.zeros(4)), np.zeros(4)) < 20
-
-
-def test_after_a_jump_neighbours_are_corrected_as_well():
-    knowledge = taught(200)
-    jumped = np.array([0.15, 0.1, 0, 0])
-    before = knowledge.sensors.copy()
-    knowledge.learn(seen(np.array([0.11, 0.12, 0.13])) + jumped, np.array([0.11, 0.12, 0.13]))
-    moved = (knowledge.sensors[: len(before)] - before) @ jumped / (jumped @ jumped)
-    assert np.count_nonzero(moved) == knowledge.neighbours
-    assert 0.2 < moved.max() < 1
-
-
-def test_older_points_weigh_less_where_a_kalman_filter_corrects():
-    constant, kalman = taught(100), taught(100, kalman=True)
-    place = seen(np.array([0.1, 0.1, 0.1]))
-    before = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
-    for _ in range(1000):
-        for knowledge in (constant, kalman):
-            knowledge.learn(seen(np.full(3, -0.3)), np.full(3, -0.3))
-    after = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
-    assert after[1] - before[1] > 2 + after[0] - before[0]
-
-
-def test_recall_takes_well_below_a_millisecond_among_ten_thousand_points():
-    """It takes 0.16 ms; a slow machine under load may take some times that."""
-    knowledge = SupportPoints(3, points=10_000)
-    knowledge.registers = np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3))
-    knowledge.sensors, knowledge.variances = seen(knowledge.registers), np.ones(10_000)
-    took = []
-    for place in seen(np.random.default_rng(1).uniform(-0.4, 0.4, (100, 3))):
-        start = time.perf_counter()
-        knowledge.recall(place)
-        took.append(time.perf_counter() - start)
-    assert np.quantile(took, 0.2) < 1e-3
-
-
 @pytest.mark.slow
 def test_skill_improves_by_doing(live, make_env, mount):
-    """On the mean of three worlds: in a single one, an early miss may cost a tenth more."""
     first, last = [], []
     for seed in (7, 8, 9):
         env = make_env(mount, world="wild")
@@ -108,3 +58,10 @@ def test_skill_improves_by_doing(live, make_env, mount):
         last.append(lengths[-51:-1])
     assert np.mean(last) <= 1.8
     assert np.mean(first) >= 3
+
+
+def test_the_bound_holds_and_the_most_uncertain_go():
+    knowledge = taught(300, world=lambda r: seen(4 * r), points=40)
+    assert len(knowledge.sensors) == 40
+    assert knowledge.variances.max() < 40
+    assert missed_px(knowledge.recall(np.zeros(4)), np.zeros(4)) < 20

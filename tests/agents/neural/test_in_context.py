@@ -1,17 +1,14 @@
 """in_context: what outlasts a trial, its regression of places, and what a life of trials brings."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 
 import agents
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.neural.recurrent_servo.network import KEPT
 from agents.neural.recurrent_servo.places import PlaceRegression
 
-UNSEEN = 1000
-"""Seed of the first test world; those of training are 100,000 and more."""
+UNSEEN = 1000  # seed of the first test world; those of training are 100,000 and more
 
 
 def test_it_needs_fewer_motions_in_later_trials(live, make_env, mount):
@@ -21,14 +18,6 @@ def test_it_needs_fewer_motions_in_later_trials(live, make_env, mount):
         first.append(lengths[0])
         later += lengths[6:]
     assert np.mean(later) < 0.5 * np.mean(first)
-
-
-def test_it_and_its_kept_file_say_what_it_is_built_on(make_env):
-    agent = agents.make("in_context", make_env())
-    assert PriorKnowledge.TRAINING_WORLDS in agent.prior_knowledge
-    assert KEPT["in_context"].stat().st_size < 2_000_000
-    assert agent.training["worlds_from"] >= 50_000
-    assert agent.training["cpu_minutes"] > 0
 
 
 def test_memory_outlasts_trials_and_loads_and_a_new_life_begins_without(make_env, tmp_path):
@@ -47,19 +36,6 @@ def test_memory_outlasts_trials_and_loads_and_a_new_life_begins_without(make_env
     assert all(torch.equal(tensor, weights[name]) for name, tensor in agent._network.state_dict().items())
 
 
-def test_what_is_predicted_changes_nothing_that_is_remembered(make_env):
-    env = make_env()
-    agent = agents.make("in_context", env)
-    env.reset(seed=UNSEEN)
-    agent.learn(5)
-    held_out = gym.make_vec("CalFree/Reach-v0", num_envs=2, dynamics="kinematic")
-    observation, _ = held_out.reset(seed=UNSEEN)
-    words, state = agent.predict(observation)
-    observed, *_ = held_out.step(words)
-    agent.predict(observed, state)
-    np.testing.assert_array_equal(agent.predict(observation, None, np.ones(2, bool))[0], words)
-
-
 def test_networks_of_the_other_agent_are_refused(make_env):
     for mine, other in (("in_context", "recurrent_servo"), ("recurrent_servo", "in_context")):
         with pytest.raises(ValueError, match=f"holds {other}; this agent is {mine}"):
@@ -67,7 +43,6 @@ def test_networks_of_the_other_agent_are_refused(make_env):
 
 
 def test_the_regression_of_places_is_bayesian():
-    """Kalman steps against the posterior of all that was told, in one solution (Bishop 2006, 3.49)."""
     rng = np.random.default_rng(0)
     features, registers = rng.standard_normal((6, 4)), rng.standard_normal((6, 3))
     variances = rng.uniform(0.1, 1, 6)

@@ -1,7 +1,5 @@
 """The adapter of stable-baselines3: algorithms by name, networks' inputs, rows."""
 
-import os
-import tempfile
 from pathlib import Path
 
 import gymnasium as gym
@@ -13,7 +11,7 @@ import yaml
 import agents
 from agents.neural import TUNED
 from agents.neural.sb3.sb3_agent import ImageDistance, flattened
-from tests.agents.neural.sb3_learners import make, rows_of_one_world
+from tests.agents.neural.sb3_learners import make
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "agents"
 
@@ -80,48 +78,11 @@ def test_networks_get_the_image_distance():
         np.testing.assert_allclose(features[0, 15:], np.tanh([*d, *(8 * d)]), atol=1e-6)
 
 
-def test_a_recurrent_network_remembers_within_a_trial_and_not_beyond():
-    agent = make("recurrent_ppo").learn(60)
-    observation = gym.make("CalFree/Reach-v0", camera_mount="stand").reset(seed=0)[0]
-    first, state = agent.predict(observation)
-    later, _ = agent.predict(observation, state)
-    assert not np.array_equal(first, later)
-    again, _ = agent.predict(observation, state, episode_start=np.array([True]))
-    np.testing.assert_array_equal(first, again)
-
-
-def test_hindsight_waits_for_a_whole_trial_of_each_row_of_its_own_environment():
-    stand = {"dynamics": "kinematic", "camera_mount": "stand", "autoreset_mode": "SameStep"}
-    for motions, waits in ((-1, 5), (90, 180)):
-        rows = gym.make_vec("CalFree/Reach-v0", num_envs=2, max_episode_steps=motions, **stand)
-        agent = agents.make("sac_her", rows, net_arch=[8], learning_starts=5)
-        assert agent._model.learning_starts == waits
-    assert agent.learn(200).num_timesteps == 200
-
-
-def test_a_rollout_is_as_long_in_one_environment_as_in_rows():
-    settings = {"rows": 4, "n_steps": 5, "batch_size": 10}
-    assert make("ppo", **settings)._model.n_steps == 20
-    assert make("ppo", rows_of_one_world(4), **settings)._model.n_steps == 5
-
-
-def test_hindsight_says_where_it_is_not_valid():
+def test_hindsight_relabels_with_places_that_the_gripper_came_to():
     with pytest.warns(UserWarning, match="hindsight relabelling is not valid on the waist mount"):
         make("sac_her", gym.make("CalFree/Reach-v0", camera_mount="waist"))
-
-
-def test_hindsight_relabels_with_places_that_the_gripper_came_to():
     agent = make("sac_her").learn(130)
     sample = agent._model.replay_buffer.sample(60)
     reached = agent._model.replay_buffer.next_observations["achieved_goal"][:130, 0]
     goals = sample.observations["desired_goal"].numpy()
     assert sum((goal == reached).all(1).any() for goal in goals) > 20
-
-
-def test_learning_leaves_no_folders_behind(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    for name in ("sac", "ppo"):
-        agent = make(name).learn(30)
-        agent.save(tmp_path / "agent.zip")
-        make(name).load(tmp_path / "agent.zip").learn(30)
-    assert os.listdir(tmp_path) == ["agent.zip"]

@@ -1,6 +1,7 @@
 """Learning of the adapter of stable-baselines3: motions counted, kept, and followed by updates."""
 
 import random
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -8,18 +9,6 @@ import pytest
 import torch
 
 from tests.agents.neural.sb3_learners import make, rows_of_one_world, weights
-
-
-@pytest.mark.parametrize("name", ["ppo", "recurrent_ppo", "sac"])
-def test_rows_learn_together_and_their_motions_are_summed(name):
-    agent, seen = make(name, rows_of_one_world(4)), []
-    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
-    agent.learn(211, callback=lambda progress: seen.append(progress.num_timesteps) or True)
-    assert seen == list(range(4, 212, 4))
-    after = agent._model.policy.parameters()
-    assert any(not torch.equal(*pair) for pair in zip(before, after, strict=True))
-    with pytest.raises(ValueError, match="got 3 motions; its 4 rows make 4 at once"):
-        agent.learn(3)
 
 
 @pytest.mark.parametrize("name", ["ppo", "recurrent_ppo"])
@@ -53,68 +42,52 @@ def test_off_policy_motions_in_parts_are_all_kept_and_teach(rows):
     assert agent._model._n_updates == 40
 
 
-@pytest.mark.parametrize(("name", "setting"), [("ppo", {}), ("sac", {"train_freq": 4}), ("sac", {})])
-def test_any_number_of_motions_is_never_exceeded(name, setting):
+@pytest.mark.parametrize(
+    ("name", "setting"), [("ppo", {}), ("recurrent_ppo", {}), ("sac", {"train_freq": 4}), ("sac", {})]
+)
+def test_any_number_of_motions_is_summed_over_rows_and_never_exceeded(name, setting):
     for rows in (1, 4):
-        env = rows_of_one_world(rows)
-        agent, made = make(name, env, **setting), 0
+        agent, seen, made = make(name, rows_of_one_world(rows), **setting), [], 0
+        before = weights(agent)
         for asked in (4, 5, 19, 20, 21, 39, 41, 80):
-            seen = []
             agent.learn(
                 asked, callback=lambda progress, seen=seen: seen.append(progress.num_timesteps) or True
             )
-            assert seen == list(range(made + rows, made + asked + 1, rows))
-            made = seen[-1]
+            made += asked - asked % rows
+            assert seen == list(range(rows, made + 1, rows))
             assert agent.num_timesteps == agent._model.num_timesteps == made
-
-
-def test_where_updates_wait_for_a_whole_trial_its_last_motion_is_kept():
-    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=6, tolerance_px=0.001)
-    agent = make("sac", env, train_freq=(1, "episode"), learning_starts=0)
-    agent.learn(12)
-    assert agent._model.replay_buffer.pos == 12
-    assert agent._model._n_updates == 2
+        assert not torch.equal(before, weights(agent))
+    with pytest.raises(ValueError, match="got 3 motions; its 4 rows make 4 at once"):
+        agent.learn(3)
 
 
 def global_draws():
     return random.random(), np.random.random(), torch.rand(1).item()  # noqa: NPY002
 
 
+def seeded(caller):
+    random.seed(caller)
+    np.random.seed(caller)  # noqa: NPY002
+    torch.manual_seed(caller)
+
+
 @pytest.mark.parametrize("name", ["sac", "ppo"])
 def test_the_callers_generators_stay_and_learning_follows_from_the_seed_alone(name):
     learned = []
     for caller in (1, 2):
+        seeded(caller)
+        expected = global_draws()
+
+        def untouched(make, caller=caller, expected=expected):
+            seeded(caller)
+            made = make()
+            assert global_draws() == expected
+            return made
+
         env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world="nominal")
         env.reset(seed=5)
-
-        def seed_all(caller=caller):
-            random.seed(caller)
-            np.random.seed(caller)  # noqa: NPY002
-            torch.manual_seed(caller)
-
-        seed_all()
-        expected = global_draws()
-        seed_all()
-        agent = make(name, env, seed=3)
-        assert global_draws() == expected
-        seed_all()
-        agent.learn(60)
-        assert global_draws() == expected
-        seed_all()
-        observation, _ = env.reset()
-        words = agent.predict(observation, deterministic=False)[0]
-        assert global_draws() == expected
-        learned.append((weights(agent), words))
-    assert torch.equal(learned[0][0], learned[1][0])
-    np.testing.assert_array_equal(learned[0][1], learned[1][1])
-
-
-def test_predicting_by_chance_changes_no_learning():
-    alike = []
-    for _ in range(2):
-        env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", camera_mount="stand")
-        observation, _ = env.reset(seed=0)
-        alike.append(make(env=env).learn(60))
-    alike[0].predict(observation, deterministic=False)
-    first, second = (weights(agent.learn(60)) for agent in alike)
-    assert torch.equal(first, second)
+        agent = untouched(partial(make, name, env, seed=3))
+        untouched(partial(agent.learn, 60))
+        words, _ = untouched(partial(agent.predict, env.reset()[0], deterministic=False))
+        learned.append((weights(agent).tolist(), words.tolist()))
+    assert learned[0] == learned[1]

@@ -1,40 +1,34 @@
-"""`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera, and are saved whole."""
+"""`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera; their regression."""
 
-from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.rivals import train
-from agents.rivals.looks import RegressionLooks
 from agents.rivals.prior import KEPT, load_prior
+from agents.rivals.regression import BayesianRegression
+from agents.rivals.residuals import ResidualProcess
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
 from experiments.running.run import world_seeds
-from tests.agents.trials import assert_same_arrays, motions_of
 from tests.arms.own import ARMS
-from tests.experiments.config.test_loading import SUITES
 
-NAMES = ("polynomial", "simulation_prior")
+CONFIGS = (Path(__file__).parents[3] / "configs").glob("*.yaml")
+SUITES = sorted(path for path in CONFIGS if "\nquestion:" in path.read_text())
 UNSEEN = 1000
-WORLDS = range(UNSEEN, UNSEEN + 2)
-AIMED = {"type": "camera_aim", "camera": "left", "degrees": 20}
 
 
-@pytest.fixture(params=NAMES)
+@pytest.fixture(params=["polynomial", "simulation_prior"])
 def name(request):
     return request.param
 
 
-def settings_of(name, mount):
-    return {"camera_mount": mount} if name == "simulation_prior" else {}
-
-
 def test_it_reaches_in_worlds_that_it_never_saw_and_remembers(name, mount, live):
-    lives = [live(name, make_reach(mount), seed, 10, **settings_of(name, mount))[1] for seed in WORLDS]
+    settings = {"camera_mount": mount} if name == "simulation_prior" else {}
+    lives = [live(name, make_reach(mount), UNSEEN + i, 10, **settings)[1] for i in (0, 1)]
     assert np.max(lives) < 60
     motions = np.mean(lives, 0)
     assert motions[5:].mean() < motions[0] / 2
@@ -45,7 +39,8 @@ def make_reach(mount="waist", **options):
 
 
 def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live):
-    agent, _ = live(name, make_reach(perturbations=[{"at": {"trial": 6}, "do": AIMED}]), UNSEEN, trials=7)
+    aimed = [{"at": {"trial": 6}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}]
+    agent, _ = live(name, make_reach(perturbations=aimed), UNSEEN, trials=7)
     left, right = (np.isfinite(agent.looks.points[:, 0, side]).all(1) for side in (slice(2), slice(2, 4)))
     forgotten = int(left.argmax())
     assert forgotten >= 12, "six trials: at home, and after a motion at least"
@@ -53,32 +48,16 @@ def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live
     assert right.all()
 
 
-def test_looks_of_a_camera_alone_and_of_none():
-    looks = replace(
-        RegressionLooks.none(2), registers=np.zeros((2, 2)), homes=np.zeros((2, 4)), noise_px=np.ones(2)
-    )
-    points = np.zeros((2, 2, 4))
-    points[1, :, 2:] = np.nan
-    looks = replace(looks, points=points)
-    kept = looks.without(np.array([True, False]))
-    assert len(kept) == 1
-    assert np.isnan(kept.points[..., :2]).all()
-    assert np.isfinite(kept.points[..., 2:]).all()
-    assert len(looks.without(np.ones(2, bool))) == 0
-
-
 @pytest.mark.parametrize(
-    "trouble",
+    ("trouble", "setting", "value"),
     [
-        {"type": "point_dropout", "share": 0.2},
-        {"type": "point_outliers", "share": 0.1},
-        {"type": "point_noise", "px": 2.0},
-        {"type": "latency", "motions": 1},
+        *[("point_dropout", "share", 0.2), ("point_outliers", "share", 0.1)],
+        *[("point_noise", "px", 2.0), ("latency", "motions", 1)],
     ],
-    ids=lambda trouble: trouble["type"],
 )
-def test_points_that_are_hidden_mistaken_noisy_or_late(name, trouble, live):
-    env = make_reach(perturbations=[{"at": {"trial": 0}, "do": trouble}], max_episode_steps=100)
+def test_points_that_are_hidden_mistaken_noisy_or_late(name, trouble, setting, value, live):
+    trouble = [{"at": {"trial": 0}, "do": {"type": trouble, setting: value}}]
+    env = make_reach(perturbations=trouble, max_episode_steps=100)
     agent, counts = live(name, env, UNSEEN, trials=4)
     assert np.median(counts) < 30
     assert all(np.isfinite(array).all() for array in agent.images.arrays().values())
@@ -98,22 +77,7 @@ def test_polynomials_reach_with_other_arms(arm, live):
     assert np.median(counts) < 60
 
 
-def test_what_is_saved_goes_on_alike(name, tmp_path, live):
-    agent, _ = live(name, make_reach(), UNSEEN, trials=4)
-    agent.save(tmp_path / "agent.npz")
-    again = agents.make(name, make_reach()).load(tmp_path / "agent.npz")
-    assert_same_arrays(agent, again)
-    for own, other in zip(
-        motions_of(agent, make_reach(), seed=7), motions_of(again, make_reach(), seed=7), strict=True
-    ):
-        np.testing.assert_array_equal(own[0], other[0])
-
-
-def test_another_arm_mount_or_prior_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="simulation_prior is built on the arm 'movemaster'"):
-        agents.make("simulation_prior", gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS["hobby"]))
-    with pytest.raises(ValueError, match=r"camera_mount is 'wrist'.*allowed: waist, stand"):
-        agents.make("simulation_prior", make_reach(), camera_mount="wrist")
+def test_another_mount_or_prior_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         agents.make("simulation_prior", make_reach(), prior=str(tmp_path / "nowhere.npz"))
     agents.make("polynomial", make_reach()).save(tmp_path / "other.npz")
@@ -124,21 +88,9 @@ def test_another_arm_mount_or_prior_is_refused(tmp_path):
         agents.make("simulation_prior", make_reach()).load(tmp_path / "stand.npz")
 
 
-def test_it_and_its_kept_file_say_what_it_is_built_on():
-    agent = agents.make("simulation_prior", make_reach())
-    assert {PriorKnowledge.TRAINING_WORLDS, PriorKnowledge.MOUNT, PriorKnowledge.IMAGE_SCALE} <= (
-        agent.prior_knowledge
-    )
-    assert KEPT.stat().st_size < 2_000_000
-    assert agent.training["cpu_seconds"] > 0
-    assert f"--worlds-from {agent.training['worlds_from']} " in agent.training["command"]
-
-
 def test_a_prior_is_made_anew_by_its_command(tmp_path):
-    path = tmp_path / "prior.npz"
-    train.main(
-        f"--out {path} --worlds-from 910000 --worlds 12 --objects 12 --motions 20 --components 8".split()
-    )
+    path, tiny = tmp_path / "prior.npz", "--worlds 12 --objects 12 --motions 20 --components 8"
+    train.main(f"--out {path} --worlds-from 910000 {tiny}".split())
     prior, training = load_prior(path, "stand", 3)
     assert prior.deviations.shape == (8,)
     assert training["worlds"] == 12
@@ -147,28 +99,46 @@ def test_a_prior_is_made_anew_by_its_command(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def trained_in():
-    """Seeds of the training worlds, and some of these worlds."""
-    training = load_prior(KEPT, "waist", 3)[1]
-    seeds = range(training["worlds_from"], training["worlds_from"] + training["worlds"])
-    return seeds, [WorldDistribution("wild").sample(seed) for seed in seeds[::30]]
-
-
-@pytest.fixture(scope="module")
-def of_networks():
-    """Seeds of the worlds in which `in_context` was trained, and before it `recurrent_servo`."""
-    training = agents.make("in_context", gym.make("CalFree/Reach-v0", dynamics="kinematic")).training
-    return range(training["worlds_from"], training["worlds_from"] + 2 * training["worlds_a_mount"])
+def of_training():
+    """Seeds of the worlds in which priors and networks were trained, and some worlds of the priors."""
+    prior = load_prior(KEPT, "waist", 3)[1]
+    seeds = range(prior["worlds_from"], prior["worlds_from"] + prior["worlds"])
+    nets = agents.make("in_context", gym.make("CalFree/Reach-v0", dynamics="kinematic")).training
+    of_nets = range(nets["worlds_from"], nets["worlds_from"] + 2 * nets["worlds_a_mount"])
+    return {*seeds, *of_nets}, [WorldDistribution("wild").sample(seed) for seed in seeds[::30]]
 
 
 @pytest.mark.parametrize("path", SUITES, ids=lambda path: path.name)
-def test_no_suite_has_a_world_of_the_training(path, trained_in, of_networks):
+def test_no_suite_has_a_world_of_the_training(path, of_training):
     suite = read_mapping(path)
-    worlds = max(
-        [suite["worlds"], *(each.get("worlds", 0) for each in suite["agents"] if isinstance(each, dict))]
+    more = [each.get("worlds", 0) for each in suite["agents"] if isinstance(each, dict)]
+    seeds = world_seeds(suite.get("seed", 0), max([suite["worlds"], *more]), suite.get("first_world"))
+    assert of_training[0].isdisjoint(seeds)
+    assert not any(WorldDistribution("wild").sample(seed) in of_training[1] for seed in seeds[:3])
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_however_looks_come_they_give_the_least_squares_with_the_prior_as_looks_of_zero(block):
+    rng = np.random.default_rng(0)
+    features, targets = rng.normal(size=(100, 5)), rng.normal(size=(100, 2))
+    variances, deviations = rng.uniform(0.01, 1, 100), rng.uniform(0.1, 2, 5)
+    regression = BayesianRegression(deviations, 2)
+    regression.BLOCK = block
+    regression.learn(features, targets, variances)
+    weights = 1 / np.sqrt(variances)[:, None]
+    rows = np.vstack([features * weights, np.diag(1 / deviations)])
+    expected = np.linalg.lstsq(rows, np.vstack([targets * weights, np.zeros((5, 2))]))[0]
+    np.testing.assert_allclose(regression.mean, expected, rtol=1e-9, atol=1e-12)
+    inverse = np.linalg.inv(rows.T @ rows)
+    np.testing.assert_allclose(regression.covariance, inverse, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        regression.variances(features), np.einsum("ni,ij,nj->n", features, inverse, features), rtol=1e-8
     )
-    seeds, (known, drawn) = world_seeds(suite.get("seed", 0), worlds, suite.get("first_world")), trained_in
-    assert set(seeds).isdisjoint(known)
-    assert set(seeds).isdisjoint(of_networks)
-    for seed in seeds[:3]:
-        assert WorldDistribution("wild").sample(seed) not in drawn
+
+
+def test_residuals_are_met_where_they_were_seen_and_fade_far_away():
+    rng = np.random.default_rng(0)
+    places, residuals = rng.uniform(-1, 1, (6, 3)), rng.normal(size=(6, 2))
+    process = ResidualProcess(places, residuals, np.full(6, 1e-9), deviation=1.0, length=0.3)
+    np.testing.assert_allclose(process.mean(places), residuals, atol=1e-4)
+    np.testing.assert_allclose(process.mean(places + 10), 0, atol=1e-9)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.servo.paper import PaperServo
 from agents.servo.trial import Findings
 from agents.servo.unified import UnifiedServo
 from calfree_gym import MOUNTS
@@ -25,16 +24,10 @@ HARD = {
 
 def after(mount, trouble, motions, worlds, servo):
     """True errors, and what was found out, after so many motions in wild worlds; nothing ends a trial."""
-    env = gym.make_vec(
-        "CalFree/Reach-v0",
-        num_envs=worlds,
-        camera_mount=mount,
-        dynamics="kinematic",
-        max_episode_steps=motions,
-        terminate_on_success=False,
-        autoreset_mode="Disabled",
-        perturbations=trouble and [{"at": {"trial": 0}, "do": trouble}],
-    )
+    trouble = trouble and [{"at": {"trial": 0}, "do": trouble}]
+    endless = {"terminate_on_success": False, "autoreset_mode": "Disabled", "max_episode_steps": motions}
+    made = {"camera_mount": mount, "dynamics": "kinematic", "perturbations": trouble, **endless}
+    env = gym.make_vec("CalFree/Reach-v0", num_envs=worlds, **made)
     observations, _ = env.reset(seed=list(range(3000, 3000 + worlds)))
     findings = [Findings(servo.new_estimator(3, None)) for _ in range(worlds)]
     words, running = np.zeros((worlds, 3), np.float32), []
@@ -63,10 +56,3 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
     do, motions, error_px, share = HARD[trouble]
     errors_px, _ = after(mount, do, motions, worlds, UnifiedServo())
     assert np.mean(errors_px <= error_px + 1.5) >= (share if worlds > 100 else 0.9)
-
-
-def test_the_paper_s_servo_finds_out_how_noisy_points_are_in_its_first_trial():
-    _, findings = after("waist", {"type": "point_noise", "px": 2.0}, 60, 30, PaperServo())
-    known = [each.filter.noise.px for each in findings if each.filter.noise.measured]
-    assert len(known) >= 25
-    assert 1.6 <= np.median(known) <= 2.4

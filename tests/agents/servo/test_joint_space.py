@@ -72,27 +72,8 @@ def test_no_joint_turns_further_in_a_step_than_allowed(environment):
     assert max(turned) == pytest.approx(0.2, rel=1e-6)
 
 
-def test_it_uses_joint_angles_and_nothing_else_that_is_privileged(environment):
-    """In a linear world they matter to the bound of its steps alone."""
-    agent = JointSpaceServo(environment())
-    plain, _ = steps_of(agent, LinearRobot(np.random.default_rng(2)), 10)
-    misled, _ = steps_of(
-        agent, LinearRobot(np.random.default_rng(2)), 10, gripper_position=np.full(3, np.nan)
-    )
-    np.testing.assert_array_equal(plain, misled)
-    robot = LinearRobot(np.random.default_rng(2))
-    robot.by_words *= 2
-    robot.by_joints /= 2
-    same_images, _ = steps_of(agent, robot, 10)
-    assert np.abs(np.array(plain) - same_images).max() < 1e-6
-    bounded = JointSpaceServo(environment(), step_rad=0.02)
-    short, _ = steps_of(bounded, LinearRobot(np.random.default_rng(2)), 10)
-    assert np.abs(np.array(plain) - short).max() > 1e-3
-
-
 @pytest.mark.parametrize("seed", [3000, 3004, 3010])
 def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(noise_free, mount, seed, monkeypatch):
-    """Against MuJoCo's derivatives by the registers, and finite differences of the true joint angles."""
     env = noise_free(mount, seed, tell=("joint_angles",))
     observation, info = env.reset()
     step, used = JointSpaceServo._step, []
@@ -112,17 +93,6 @@ def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(noise_free, m
     assert missed.max() < 0.25
 
 
-@pytest.mark.parametrize(
-    ("worlds", "least", "most_motions"),
-    [(range(3020, 3035), 1, 16), pytest.param(range(3100, 3300), 0.99, 12, marks=pytest.mark.slow)],
-)
-def test_it_reaches_in_wild_worlds(reach, mount, worlds, least, most_motions):
-    share, motions, _ = reach("joint_space_servo", worlds, mount, {"tell": ("joint_angles",)})
-    assert share >= least
-    assert motions <= most_motions
-
-
 def test_a_joint_that_a_word_does_not_turn_leaves_words_numbers():
-    """In this world motors stand at their stops."""
     motions = priors.motions("joint_space_servo", 5008, 6, priors.ALTERATIONS[PriorKnowledge.ARM])
     assert len(motions) == 6

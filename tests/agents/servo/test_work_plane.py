@@ -76,7 +76,6 @@ def test_a_disparity_is_as_long_as_the_distance_that_motors_2_and_3_must_leave(e
 
 
 def test_turn_by_turn_the_disparity_shrinks(noise_free, mount):
-    """By the true Jacobian; what a turn leaves is what is not linear, and the next one takes it."""
     lengths = []
     for seed in range(1000, 1030):
         env = noise_free(mount, seed, terminate_on_success=False)
@@ -95,7 +94,6 @@ def test_turn_by_turn_the_disparity_shrinks(noise_free, mount):
 
 @pytest.mark.parametrize("camera", EQUATIONS)
 def test_either_camera_alone_brings_the_gripper_to_an_object_in_the_work_plane(noise_free, mount, camera):
-    """At 5 to 9 cm from home, without the waist, which must not even be tested."""
     for seed in range(5):
         env = noise_free(mount, seed, tolerance_px=1.0)
         gripper = env.reset()[1]["truth"]["gripper"]
@@ -107,16 +105,3 @@ def test_either_camera_alone_brings_the_gripper_to_an_object_in_the_work_plane(n
             assert not np.array(words)[:, WAIST].any()
             assert infos[-1]["truth"]["error_px"] <= 1
             assert infos[-1]["truth"]["distance_mm"] <= 5
-
-
-@pytest.mark.parametrize(
-    ("worlds", "least", "options", "settings"),
-    [
-        *[(range(50), 0.98, None, {"camera": camera}) for camera in EQUATIONS],
-        pytest.param(range(1000, 1500), 0.99, {"dynamics": "physics"}, {}, marks=pytest.mark.slow),
-    ],
-)
-def test_work_plane_servo_reaches_in_wild_worlds(reach, mount, worlds, least, options, settings):
-    share, motions, _ = reach("work_plane_servo", worlds, mount, options, **settings)
-    assert share >= least
-    assert motions <= 16
