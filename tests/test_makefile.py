@@ -44,7 +44,7 @@ def made(tmp_path):
     return make
 
 
-SIDE_BY_SIDE = ("coverage", "insert", "knowledge", "orientations", "paired_interval", "priors", "safe_start")
+SIDE_BY_SIDE = ("coverage", "insert", "orientations", "priors", "safe_start")
 ALONE = ("changes", "right_actions", "sensitivity", "speed", "training")
 
 
