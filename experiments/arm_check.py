@@ -38,10 +38,6 @@ class ArmCheck:
     Attributes:
         problems: What keeps it from being used, one line each; complete when all tables have been made.
 
-    Args:
-        arm: The arm.
-        camera_mount: As `gymnasium.make` takes it.
-
     Raises:
         ValueError: There is no such mount.
     """

@@ -116,8 +116,6 @@ class Criterion(Number):
 
     Attributes:
         null_agent: One without what is claimed, which should fail; a suite refuses a criterion without one.
-        above: It must lie above this.
-        below: It must lie below this.
     """
 
     null_agent: Name | None = None
@@ -147,12 +145,7 @@ class Criterion(Number):
 
 
 class Requirement(Number):
-    """A number that the project asks of itself, whatever its interval.
-
-    Attributes:
-        at_least: The number must be no less.
-        at_most: The number must be no more.
-    """
+    """A number that the project asks of itself, whatever its interval."""
 
     at_least: float | None = Field(None, allow_inf_nan=False)
     at_most: float | None = Field(None, allow_inf_nan=False)
@@ -168,11 +161,8 @@ class Claim(Model):
     """What the paper claims or asks.
 
     Attributes:
-        name: Ours.
         kind: A question is what the paper leaves open; its words are the answer that it suggests.
         section: Of the paper, where it is of the paper.
-        words: The claim in our words.
-        criteria: It is confirmed where all of them are.
         remark: What they do not show.
     """
 

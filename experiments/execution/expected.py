@@ -26,14 +26,9 @@ _REACH = 5
 
 
 class Work(NamedTuple):
-    """What a run does.
+    """What a run does: so many of its `own` "motions" or "trials", and about so many `held_out` motions.
 
-    Attributes:
-        agent: Its name, not its label.
-        env: What its environment's pace depends on.
-        unit: What its life is counted in: "motions" or "trials".
-        own: So many of them.
-        held_out: Motions in held-out trials, about.
+    The agent is told by its name, not its label; `env` is what its environment's pace depends on.
     """
 
     agent: str

@@ -48,14 +48,7 @@ def made_in(folder: Path) -> int:
 
 @dataclass(frozen=True, slots=True)
 class AtWork:
-    """A run under way.
-
-    Attributes:
-        what: The run, in words.
-        made: How much of its work is done.
-        amount: Of how much.
-        unit: "motions" or "trials".
-    """
+    """A run under way, in words, and how much of its work is done: of an amount of "motions" or "trials"."""
 
     what: str
     made: int
@@ -65,14 +58,7 @@ class AtWork:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far a suite is.
-
-    Attributes:
-        over: Runs that are over.
-        runs: All runs.
-        left: Seconds that the others will take, about.
-        at_work: Runs under way.
-    """
+    """How far a suite is: runs that are over, of all; about how many seconds are left; runs under way."""
 
     over: int
     runs: int
@@ -199,14 +185,7 @@ def in_words(seconds: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """The runs of a suite.
-
-    Attributes:
-        runs: One row a run: its id, its state, and details.
-        counts: How many runs are in which state, and whether a runner is at work.
-        command: What the user typed.
-        failed: Whether any run has failed.
-    """
+    """The runs of a suite; how many are in which state; what the user typed; whether any has failed."""
 
     runs: pd.DataFrame
     counts: str

@@ -50,10 +50,6 @@ class Runner:
     """Carries out the runs of one suite into one folder.
 
     Args:
-        suite: What to run.
-        out: The folder.
-        machines: Where the runs are made.
-        display: Shows what happens.
         retries: How many times a run is made again whose worker was lost; one that failed is not.
         fail_fast: Whether the first failed run stops the others.
         at_once: How many runs the machines make at a time, where that is known.
@@ -72,13 +68,9 @@ class Runner:
         self._losses: Counter[Path] = Counter()
 
     def run(self, command: str) -> list[str]:
-        """Makes all runs that are not finished yet.
+        """Makes all runs that are not finished yet; returns those that failed, or that a failed one stopped.
 
-        Args:
-            command: What the user typed, for the report.
-
-        Returns:
-            The ids of the runs that failed, or that a failed one stopped.
+        The report names the command that the user typed.
 
         Raises:
             ConfigError: The folder cannot be made, another runner is at work in it, results of other code or

@@ -25,15 +25,8 @@ _OF_SCENES = 255 - len(COLOURS)
 class FilmFiles:
     """Writes film.mp4, film.gif and film.png in a folder; used in a `with` block, after which they are there.
 
-    Where the block fails nothing is left.
-
-    Args:
-        folder: Is made, where it is missing.
-        width: Of a frame, in pixels.
-        height: Of a frame, in pixels.
-        frames_per_second: Of the MP4.
-        gif_width: In pixels.
-        gif_frames_per_second: At most as many.
+    Where the block fails nothing is left. Sizes are in pixels; the GIF has no more frames a second than the
+    MP4.
     """
 
     def __init__(

@@ -86,12 +86,7 @@ def in_words(label: str, name: str) -> str:
 
 
 def colour(label: str, name: str) -> str:
-    """The colour of an agent, as "#rrggbb"; variants, which have labels of their own, have their kind's.
-
-    Args:
-        label: The agent's, which colours a kind that is not known here.
-        name: The kind of agent.
-    """
+    """The colour of an agent, as "#rrggbb"; variants, which have labels of their own, have their kind's."""
     if name in _KNOWN:
         return _KNOWN[name].colour
     return _OTHERS[zlib.crc32(label.encode()) % len(_OTHERS)]

@@ -77,13 +77,7 @@ def seconds_at(look: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """One measure of one agent in blocks of trials, over its runs.
-
-    Attributes:
-        edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
-        runs: The measure's mean over each block, in the run of each world (worlds, blocks).
-        shares: Whether it is a share of trials.
-    """
+    """A measure of one agent: means of blocks (worlds, blocks) of trials, between `edges` (blocks + 1,)."""
 
     edges: Array
     runs: Array
@@ -96,13 +90,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class OwnTrials:
-    """The agents' own trials in a scenario.
-
-    Attributes:
-        scenario: Whose they are.
-        rows: The trials, of the rows of `with_cost`, with a column of `seconds_at` for each of LOOKS.
-        worlds: By an agent's label, in the suite's order, how many runs there should be.
-    """
+    """The agents' own trials in a scenario: rows of `with_seconds`, and how many runs each label has."""
 
     scenario: ScenarioConfig
     rows: pd.DataFrame
@@ -114,15 +102,10 @@ class OwnTrials:
         return self.scenario.env.max_episode_steps
 
     def blocks(self, agent: str, measure: str, edges: Array) -> Blocks:
-        """A measure's means over blocks of an agent's trials.
+        """A measure's means over blocks of an agent's trials, between edges that `edges_of` returned.
 
         Runs without any row failed, and are worst throughout: no success, `cap` motions, and the seconds of
         `cap` motions of a full turn.
-
-        Args:
-            agent: The agent's label.
-            measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
-            edges: What `edges_of` returned.
         """
         worst = {SUCCESS: 0.0, RENDEZVOUS: 0.0, MOTIONS: float(self.cap)}
         worst |= {seconds_at(look): slowest_seconds(self.cap, look) for look in LOOKS}

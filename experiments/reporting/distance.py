@@ -48,14 +48,7 @@ def distance_tables(
     columns: Sequence[str],
     found: Iterable[tuple[Sequence[str], Distances]],
 ) -> tuple[Table, ...]:
-    """One table of a scenario or sweep where its task is to reach; none of other tasks.
-
-    Args:
-        name: Of the scenario or sweep.
-        env: Its environment.
-        columns: What names a row, such as agent and when.
-        found: That of each row, and its distances.
-    """
+    """One table of a scenario or sweep where its task is to reach; none of other tasks."""
     if env.task != "reach":
         return ()
     rows = [

@@ -66,14 +66,9 @@ def marks(axis: Axis, at: Sequence[float]) -> None:
 
 
 def draw_worlds(axes: Axes, x: Any, worlds: Array, line: Line, agents: int) -> None:
-    """Draws the median world, and how worlds differ; `drawn_in_words` says how.
+    """Draws the median of worlds (worlds, points) at places (points,), and how they differ.
 
-    Args:
-        axes: The panel.
-        x: Places (points,).
-        worlds: What each world has come to at each of them (worlds, points).
-        line: How it is drawn.
-        agents: Drawn in the panel, one after the other.
+    `drawn_in_words` says how; so many agents are drawn in the panel, one after the other.
     """
     if len(worlds) < ENOUGH_WORLDS:
         axes.plot(x, worlds.T, color=line["color"], linewidth=0.5, alpha=0.25)
@@ -102,13 +97,7 @@ def say(figure: Figure, title: str, said: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class LineEnd:
-    """Where a line ends, in the units of its axes, and what stands beside it.
-
-    Attributes:
-        x, y: The end.
-        words: May have several lines.
-        colour: Of the words, and of the thin line that leads to them.
-    """
+    """Where a line ends, in the units of its axes, and the words beside it, in one or several lines."""
 
     x: float
     y: float
@@ -119,12 +108,8 @@ class LineEnd:
 def label_lines(axes: Axes, ends: Sequence[LineEnd], size: float) -> None:
     """Writes a label beside the panel for each line, and leads to it from where the line ends.
 
-    The figure is laid out here: the panel must have its scales, its limits and its neighbours.
-
-    Args:
-        axes: The panel; nothing may stand right of it.
-        ends: Of the lines.
-        size: Of the words, in points.
+    The figure is laid out here: the panel must have its scales, its limits and its neighbours, and none to
+    its right.
     """
     figure = axes.figure
     texts = [
@@ -149,12 +134,7 @@ def label_lines(axes: Axes, ends: Sequence[LineEnd], size: float) -> None:
 
 
 def spread(at: NDArray[np.float64], heights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places as near as can be to those wanted, in the same order, no two nearer than they are high.
-
-    Args:
-        at: The places wanted.
-        heights: What stands there, centred.
-    """
+    """Places near those wanted, in their order, no two nearer than what stands there is high."""
     order = np.argsort(at, kind="stable")
     middles = np.cumsum(heights[order]) - heights[order] / 2
     groups: list[tuple[float, int]] = []  # mean of what is wanted less what is taken below, and members

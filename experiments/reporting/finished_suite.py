@@ -23,9 +23,7 @@ class FinishedSuite:
 
     Attributes:
         out: Where its report stands.
-        suite: What was run.
         command: What makes it, in any folder and on any number of processes.
-        runs: All runs of the suite.
         outcomes: What the finished ones say about themselves, by their ids.
         failures: The last lines that failed ones printed, by their ids.
         versions: The commit, and what else made the finished ones; several versions where they differ.
@@ -130,13 +128,7 @@ _SAID = {"id", "world", "arm", "base", "camera_mount", "tolerance_px", "dynamics
 
 
 def where_it_stands(part: ScenarioConfig | SweepConfig, trials: str, worlds: Collection[int]) -> str:
-    """What stands below a figure before its lines are explained: its trials, worlds and tolerance.
-
-    Args:
-        part: What the figure is of.
-        trials: Which trials it shows.
-        worlds: How many each agent is in.
-    """
+    """What stands below a figure before its lines are explained: trials, in how many worlds, tolerance."""
     fewest, most = min(worlds), max(worlds)
     amount = counted(most, "world") if fewest == most else f"{fewest} to {counted(most, 'world')}"
     return f"{trials}, in {amount}; tolerance: {part.env.tolerance_px:g} px of 512."

@@ -73,11 +73,6 @@ def table_of(
 
     With held-out trials: motions per reach before and right after the first change, or at the end where there
     is none, and the motions lived before it reaches. Else the first and the last trials, or values.
-
-    Args:
-        finished: The suite.
-        part: What the table is of.
-        come_to: What the part has come to.
     """
     if isinstance(come_to, HeldOut):
         found, note = _of_held_out(come_to)

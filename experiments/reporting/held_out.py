@@ -43,11 +43,9 @@ class HeldOutMoment:
     """An agent at one checkpoint of each of its runs.
 
     Attributes:
-        finished: Runs that came to it.
         worlds: One row a world: the means over its held-out trials of SUCCESS, RENDEZVOUS and MOTIONS, and of
             `among_reached`, the motions of trials with a rendezvous (NaN without any). A failed run is worst
             in all but that.
-        success, rendezvous: Shares of trials, mean over worlds.
         motions: Per reach, of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Motions of trials with a rendezvous, in the median of the worlds that have any.
         errors_px: True errors at the end of the trials (worlds, trials); infinite in failed runs.
@@ -85,11 +83,7 @@ class HeldOut:
     """The held-out trials of a scenario.
 
     Attributes:
-        scenario: Whose they are.
-        rows: The trials, as `with_clocks` returns them.
         worlds: By an agent's label, in the suite's order, how many runs there should be.
-        moments: By the label, `moments`.
-        times: By the label, `times_to_good`.
     """
 
     scenario: ScenarioConfig
@@ -123,14 +117,11 @@ def held_out(finished: FinishedSuite, scenario: ScenarioConfig) -> HeldOut:
 
 
 def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
-    """Held-out trials, each with the `stretch` and the `clock` of its checkpoint.
+    """Of the rows of `with_cost` the held-out trials, each with the `stretch` and `clock` of its checkpoint.
 
-    The stretch is how many times the world had changed before it, and the clock counts motions since the
-    last time, or since the beginning. The agents' own trials tell of changes, too, after which nothing was
-    held out.
-
-    Args:
-        rows: What `with_cost` returned.
+    The stretch is how many times the world had changed before it, and the clock counts motions since the last
+    time, or since the beginning. The agents' own trials tell of changes, too, after which nothing was held
+    out.
     """
     since = pd.Series(
         rows["motions_since_perturbation"].astype("Float64").to_numpy(float, na_value=np.nan), rows.index
@@ -144,13 +135,8 @@ def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
 def moments(mine: pd.DataFrame, worlds: int, cap: int) -> dict[str, HeldOutMoment]:
     """An agent before and right after the first change of its world, and at the end; what there is, in order.
 
-    Each run has its own; one whose world never changed has only an end. Runs that failed are worst at every
-    moment, except in distance.
-
-    Args:
-        mine: The agent's held-out trials, of `with_clocks`.
-        worlds: How many runs there should be; those without any row failed.
-        cap: Motions after which a trial has failed.
+    Each run has its own; one whose world never changed has only an end. Of so many worlds those without any
+    row failed: they are worst at every moment, except in distance.
     """
     failed = sorted(set(range(worlds)) - set(mine["world"]))
     first, changed = (mine["stretch"] == 0), mine[mine["stretch"] > 0]
@@ -193,9 +179,7 @@ def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> HeldOutMoment:
 def times_to_good(mine: pd.DataFrame, worlds: int) -> dict[str, Times]:
     """When each world's run was first good, by the stretch of the lifetime; one that no run came to lacks.
 
-    Args:
-        mine: The agent's held-out trials, of `with_clocks`.
-        worlds: How many runs there should be; those without any row were never good.
+    Of so many worlds those without any row were never good.
     """
     failed = worlds - mine["world"].nunique()
     return {
@@ -219,13 +203,7 @@ def _first_good(rows: pd.DataFrame, failed: int) -> Times:
 
 
 def scores(own: pd.DataFrame, measure: str, clock: float) -> "pd.Series[float]":
-    """Each world's mean over its trials at a checkpoint, or at its next; worlds that have neither lack.
-
-    Args:
-        own: Of one agent in one stretch, what `with_clocks` returned.
-        measure: A column.
-        clock: Motions since the stretch began.
-    """
+    """Each world's mean at a checkpoint of a stretch, or at its next; worlds that have neither lack."""
     found = own.groupby(["world", "clock"])[measure].mean().reset_index()
     return found[found["clock"] >= clock].groupby("world")[measure].first()
 

@@ -271,12 +271,7 @@ _LABELS, _LETTER = 2.7, 0.09  # inches, about: beside the panels, and of a lette
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """An agent between two knocks.
-
-    Attributes:
-        motions: Since the first of them, or lived, of each checkpoint (checkpoints,).
-        worlds: Motions per reach of each world (worlds, checkpoints).
-    """
+    """An agent between two knocks: motions lived (points,), motions per reach then (worlds, points)."""
 
     motions: Array
     worlds: Array

@@ -21,14 +21,7 @@ COLOURS = 256
 
 
 def keep(out: Path, kept: Path) -> Path:
-    """Copies the numbers of a finished suite, and makes its report of them.
-
-    Args:
-        out: The results folder of the suite.
-        kept: Holds the folders of kept results; that of the suite is replaced.
-
-    Returns:
-        The suite's folder there.
+    """Copies the numbers of a finished suite, and makes its report of them; returns its kept folder.
 
     Raises:
         ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
@@ -97,14 +90,7 @@ def _refuse_no_commit(whose: str, found: str) -> None:
 
 
 def keep_benchmark(measured: Path, kept: Path) -> Path:
-    """Copies what `python -m experiments benchmark --out` measured and drew, and writes its page.
-
-    Args:
-        measured: The file NAME.json; a figure is NAME.png beside it.
-        kept: Holds the folders of kept results; the file goes to that of its name.
-
-    Returns:
-        The folder.
+    """Copies NAME.json and NAME.png, which `benchmark --out` wrote, and writes a page; returns the folder.
 
     Raises:
         ConfigError: There is no such file, it is damaged, no commit has the code that made it, or a suite is

@@ -144,11 +144,7 @@ def pages() -> list[Path]:
 
 
 def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, str]:
-    """The pages that differ from what the code makes, and what they should be.
-
-    Args:
-        paths: The pages.
-        table: From a marker's name to the Markdown of its table.
+    """The pages that differ from what the code makes of the tables that they name, and what they should be.
 
     Raises:
         ConfigError: A marker is not closed, or there is no table of its name; says where.

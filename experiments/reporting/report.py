@@ -27,14 +27,10 @@ FILMS = ("film.gif", "film.png")
 
 
 def report(source: Path, out: Path | None) -> Path:
-    """Prints the one table of a suite, and writes its report.
+    """Prints the one table of a suite, and writes its report; returns the path of the HTML page.
 
-    Args:
-        source: Its results folder, or the results.parquet of one.
-        out: Where the report shall stand, if not beside the results.
-
-    Returns:
-        The path of the HTML page.
+    The source is its results folder, or the results.parquet of one, beside which the report stands if `out`
+    is not given.
 
     Raises:
         ConfigError: There are no results, or they are damaged.
@@ -46,14 +42,8 @@ def report(source: Path, out: Path | None) -> Path:
 def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     """Writes `report.html`, `report.md`, `tables.json`, `summary.csv` and `figures/` into the suite's folder.
 
-    All are made from the finished runs alone, so they are right also where the suite was interrupted.
-
-    Args:
-        finished: The suite.
-        show_head: Whether to print the one table first.
-
-    Returns:
-        The path of the HTML page.
+    All are made from the finished runs alone, so they are right also where the suite was interrupted. Returns
+    the path of the HTML page.
     """
     suite, of_head = finished.suite, head_part(finished)
     held = {each.name: held_out(finished, each) for each in suite.scenarios if suite.evaluation_of(each)}

@@ -86,10 +86,7 @@ _COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
 
 
 def gather(out: Path) -> Path:
-    """Gathers the finished runs of a folder into `results.parquet`, and their times into `timings.csv`.
-
-    Returns:
-        The path of the Parquet file.
+    """Gathers the finished runs of a folder into `results.parquet`, whose path is returned, and their times.
 
     Raises:
         ConfigError: No suite was run in the folder, or its runs are damaged or of different versions.
@@ -120,11 +117,7 @@ def gather(out: Path) -> Path:
 
 
 def read_finished(results: Path, out: Path) -> FinishedSuite:
-    """Reads a Parquet file that `gather` wrote, and the times that stand beside it, if any.
-
-    Args:
-        results: The Parquet file.
-        out: Where the report will stand.
+    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`.
 
     Raises:
         ConfigError: There is no such file, it is damaged, or it was made by other code.

@@ -55,12 +55,8 @@ class Point:
     """An agent at one value of a sweep, over the trials in view.
 
     Attributes:
-        value: Of what is varied.
         trials: Those in view; the same for every agent. Where it is 0, no number follows.
-        success: Share of them whose true error at the end is within the tolerance.
-        rendezvous: Share of them that end with an observed rendezvous.
         at_once: Share of them that do so by their first motion.
-        motions: Of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Median of those with a rendezvous; no number where hardly any has one.
         distances: At the end of the trials of a run that finished.
     """
@@ -77,13 +73,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Swept:
-    """The trials of a sweep.
-
-    Attributes:
-        sweep: Whose they are.
-        worlds: By an agent's label, in the suite's order, how many trials there should be at a value.
-        points: By the label, those of its curve.
-    """
+    """The trials of a sweep: how many a label should have at a value, and the points of its curve."""
 
     sweep: SweepConfig
     worlds: dict[str, int]
@@ -97,14 +87,7 @@ def swept(finished: FinishedSuite, sweep: SweepConfig) -> Swept:
 
 
 def points(rows: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
-    """The points of one agent's curves.
-
-    Args:
-        rows: Of all agents, what `with_cost` returned.
-        sweep: What they are about.
-        agent: Its label. A run that failed, without any row, has reached nothing.
-        worlds: How many trials there should be at a value.
-    """
+    """The points of one agent's curves, of the rows of `with_cost`; a failed run has reached nothing."""
     cap = sweep.env.max_episode_steps
     return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
 

@@ -52,10 +52,8 @@ class LifetimeRun(Run):
 
     Attributes:
         scenario: As the agent lives it, see `ScenarioConfig.lived_by`.
-        evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
-        evaluation_seed: Seeds the held-out trials.
     """
 
     scenario: ScenarioConfig

@@ -41,15 +41,9 @@ def share_of(what: str, lifetimes: Lifetimes, form: str) -> dict[str, Any]:
 
 
 class FirstTrial(NamedTuple):
-    """What came of the first trial of an agent that knows nothing.
+    """What came of the first trial of an agent that knows nothing: by the truth, and whether images tell so.
 
-    Attributes:
-        success: Whether the task is done, by the truth.
-        told: Whether images tell so.
-        motions: Made.
-        infos: Of each motion.
-        words: Of each motion (motions, m).
-        gave_up: Whether the agent said that nothing could be done.
+    Its infos are those of each motion, its words (motions, m); some agents say that nothing could be done.
     """
 
     success: bool
@@ -61,14 +55,7 @@ class FirstTrial(NamedTuple):
 
 
 def first_trial(agent: Any, env: gym.Env[Any, Any], seed: int, object_: Array | None = None) -> FirstTrial:
-    """One trial of a fresh agent, in the world of a seed.
-
-    Args:
-        agent: With `predict`.
-        env: A task with `is_solved`.
-        seed: Of the world.
-        object_: Where the object is, as `reset` takes it; None: drawn.
-    """
+    """One trial of a fresh agent, in the world of a seed; the object lies where `reset` takes it."""
     observation, _ = env.reset(seed=seed, options=None if object_ is None else {"object": object_})
     state, over = None, False
     sent, infos = [], []
@@ -100,11 +87,7 @@ def arms_of_tests() -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def side_by_side(jobs: int | None = None) -> Iterator[Map]:
-    """`map` over fresh processes of one thread each; in this process where there is one job.
-
-    Args:
-        jobs: Processes; None: one for each core.
-    """
+    """`map` over fresh processes of one thread, one a core or so many; in this process where it is one."""
     jobs = jobs or len(os.sched_getaffinity(0))
     if jobs == 1:
         yield map

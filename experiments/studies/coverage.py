@@ -54,10 +54,7 @@ class Simulated:
 def simulated(rng: np.random.Generator, rates: Array, typical: Array) -> Simulated:
     """Trials: skewed motions of 1 to some 10, and the cap where one fails.
 
-    Args:
-        rng: Draws the trials.
-        rates: Of success (samples, worlds).
-        typical: Motions of a trial beyond the first (samples, worlds).
+    Rates of success, and motions of a trial beyond the first, are those of worlds (samples, worlds).
     """
     size = (*rates.shape, TRIALS)
     success = rng.random(size) < rates[..., None]
@@ -187,14 +184,7 @@ def tables(
     sizes: Sequence[int] = WORLDS,
     population: int = 100_000,
 ) -> Iterator[Table]:
-    """Each estimand in each design.
-
-    Args:
-        samples: Of worlds, in each of which there are 20 trials; an interval is made of each.
-        studies: The estimands.
-        sizes: Worlds in a sample.
-        population: Worlds from which the truth is taken.
-    """
+    """Each estimand in each design: samples of worlds, and a population that the truth is taken of."""
     rows = []
     for study in studies:
         for design in study.designs:

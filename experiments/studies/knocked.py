@@ -36,12 +36,9 @@ EPISODES = 100
 
 
 class Policy(NamedTuple):
-    """One that is tried.
+    """One that is tried: made with what it knows beforehand, in an environment that shows it what it sees.
 
-    Attributes:
-        make: Makes it, with what it knows beforehand.
-        learns: Whether it learns in the episodes that count; `make` makes what makes it, then.
-        sees: Puts around the environment what it observes.
+    One that learns in the episodes that count is made by what `make` makes.
     """
 
     make: Callable[[], Any]

@@ -36,12 +36,7 @@ HELD_OUT = 10_000
 
 
 class Algorithm(NamedTuple):
-    """An algorithm of stable-baselines3.
-
-    Attributes:
-        motions: Of all arms together.
-        settings: Of the algorithm.
-    """
+    """An algorithm of stable-baselines3: motions of all arms together, and settings."""
 
     motions: int
     settings: dict[str, Any]
@@ -75,13 +70,7 @@ LEARNERS = {
 
 
 def tables(share: float = 1.0, looks: int = 5, trials: int = 100) -> Iterator[Table]:
-    """PPO and SAC, one run each, side by side, looked at now and then.
-
-    Args:
-        share: Of the motions of `LEARNERS`.
-        looks: How often each is looked at.
-        trials: Held-out trials of a look.
-    """
+    """PPO and SAC, one run each over a share of their motions, side by side, looked at now and then."""
     learned = partial(_learned, share=share, looks=looks, trials=trials)
     with ProcessPoolExecutor(len(LEARNERS), multiprocessing.get_context("spawn")) as pool:
         rows = chain.from_iterable(pool.map(learned, LEARNERS, LEARNERS.values()))

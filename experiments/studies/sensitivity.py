@@ -116,14 +116,9 @@ class Constant:
     """A named number of an agent.
 
     Attributes:
-        agent: The agent that it is varied in.
-        module: Where it is defined.
         owner: The class that it belongs to; empty for a module's own.
-        name: Its name there.
-        value: Its value.
         source: Where it comes from, by its docstring: "derived", "from a source", "tuned", "choice", "guard"
             or "not said".
-        setting: Whether it is a setting of the agent.
     """
 
     agent: str
@@ -174,8 +169,7 @@ def numbers(agent: str, module: ModuleType) -> Iterator[Constant]:
 def varied(constant: Constant | None, value: float) -> Iterator[dict[str, float]]:
     """Gives a constant another value for a while, wherever it is read; where there is none, changes nothing.
 
-    Yields:
-        The settings to make the agent with: the setting, or none where it is a constant in the code.
+    Yields the settings to make the agent with: the setting, or none where it is a constant in the code.
     """
     if constant is None or constant.setting:
         yield {constant.name: value} if constant else {}
@@ -475,13 +469,7 @@ def readable(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def effects(worlds: int, sizes: Sizes, only: Collection[str] = (), jobs: int | None = None) -> pd.DataFrame:
-    """What halving and doubling each constant does under each condition.
-
-    Args:
-        worlds: How many, at least 2; from `FIRST_WORLD` on.
-        sizes: Trials; those of `Sizes()` take some 15 minutes on two cores.
-        only: Labels of constants to vary; all where it is empty.
-        jobs: Processes; None: one for each core.
+    """What halving and doubling each constant, or only some, does under each condition.
 
     Returns:
         The `COLUMNS`: motions (%) and success (points) with the ends of their 95 % intervals; differing is

@@ -40,10 +40,8 @@ def tables(
 ) -> Iterator[Table]:
     """Every learner as often as there are runs, looked at after some minutes of its own CPU time.
 
-    Args:
-        minutes: When, ascending; what evaluation takes does not count.
-        runs: Of each learner; they differ in seeds alone.
-        trials: Held-out trials of a look, each in a world of its own.
+    Runs differ in seeds alone. Each of the held-out trials of a look is in a world of its own; what they take
+    does not count.
     """
     with side_by_side() as each:
         curves = each(partial(_curve, minutes=minutes, trials=trials), product(LEARNERS, range(runs)))

@@ -38,18 +38,11 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
-    """Tunes agents, and writes what came of it.
+    """Tunes agents, all or those named, and writes what came of it; returns those whose tuning failed.
 
-    Args:
-        config: What is tuned.
-        out: The folder; what stands there is gone on with.
-        names: Of agents; all, where none is given.
-        jobs: How many agents are tuned at a time. The tries of one follow each other, as each learns from
-            those before it.
-        write: Whether to write the settings that beat the default ones into configs/agents, or to print them.
-
-    Returns:
-        The agents whose tuning failed.
+    What stands in the folder is gone on with. So many agents are tuned at a time; the tries of one follow
+    each other, as each learns from those before it. With `write`, settings that beat the default ones go into
+    configs/agents.
 
     Raises:
         ConfigError: An agent is not tuned here, another process is at work in the folder, or it holds tries

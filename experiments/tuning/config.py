@@ -75,11 +75,8 @@ class TunedAgentConfig(Model):
     """An agent, and what is varied of it.
 
     Attributes:
-        name: As `agents.make` knows it.
         scenario: In which of the scenarios it lives.
         settings: What is not varied, and is not as by default either.
-        ranges: Of numbers, by setting.
-        choices: Of other settings.
     """
 
     name: Annotated[str, known(agents.names)]

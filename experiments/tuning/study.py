@@ -25,14 +25,9 @@ class Try:
     """Some settings, and what they came to.
 
     Attributes:
-        settings: Of the agent, those that are varied.
         state: "complete"; "pruned": given up after some worlds, where it was worse than the median of earlier
             tries; "out of time": the agent's CPU time ran out; "failed": the agent raised an error, which
             counts as worst; "repeated": settings of an earlier try, whose result holds.
-        objective: Mean over the worlds; None where not all of them were made.
-        worlds: The objective in each.
-        cpu_seconds: That it took.
-        error: What it failed with.
     """
 
     settings: dict[str, Any]

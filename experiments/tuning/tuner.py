@@ -25,13 +25,7 @@ class LostError(Exception):
 
 
 class Lived(NamedTuple):
-    """What a lifetime came to.
-
-    Attributes:
-        value: See `motions_per_reach`; None where it failed, or its CPU time ran out.
-        error: What it failed with.
-        cpu_seconds: That it took.
-    """
+    """What a lifetime came to: see `motions_per_reach`; None where it failed, or its CPU time ran out."""
 
     value: float | None
     error: str | None
@@ -39,23 +33,14 @@ class Lived(NamedTuple):
 
 
 class Lifetimes:
-    """Lets workers make lifetimes, several at a time from several threads.
-
-    Args:
-        versions: Of which code and packages workers are made.
-    """
+    """Lets workers of some versions make lifetimes, several at a time from several threads."""
 
     def __init__(self, versions: dict[str, str]) -> None:
         self._versions = versions
         self._at_work: set[Worker] = set()
 
     def make(self, run: LifetimeRun, cpu_seconds: float, log: Path) -> Lived:
-        """Makes a lifetime, and keeps nothing else of it.
-
-        Args:
-            run: The lifetime.
-            cpu_seconds: That it may take.
-            log: What it prints is appended to this file.
+        """Makes a lifetime, and keeps nothing else of it; what it prints is appended to `log`.
 
         Raises:
             LostError: The worker was stopped, or died.
@@ -105,20 +90,9 @@ class DefaultsFailError(Exception):
 class Tuner:
     """Tunes one agent.
 
-    Attributes:
-        name: The agent's.
-
     Its journal holds, one a line, what defines the tries, and what each lifetime came to. All else follows
-    from these, so that a tuner that was killed and started again makes the same tries.
-
-    Args:
-        config: Worlds and budgets.
-        agent: The agent.
-        folder: Keeps the journal and what workers print.
-        make: See `Lifetimes.make`.
-        versions: Of the code and the packages; a journal of other ones is refused.
-        commit: Is published.
-        say: Shows a line.
+    from these, so that a tuner that was killed and started again makes the same tries. The folder keeps the
+    journal and what workers print; lifetimes are made by `make`, see `Lifetimes.make`.
 
     Raises:
         ConfigError: The folder has a journal of this agent by other code or of another configuration, or a

@@ -29,9 +29,7 @@ _COLOURS = {"kinematic": "#003F8F", "physics": "#B84300"}
 def tables(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Iterator[Table]:
     """What takes how long; and motions a second, by how many arms move at once.
 
-    Args:
-        peers: As "PYTHON=ENV_ID".
-        rounds: Pairs that are timed, of what is quick; of what is slow, fewer.
+    Pairs are timed so many times, of what is slow fewer.
 
     Raises:
         ConfigError: A peer cannot be had.

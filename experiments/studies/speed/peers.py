@@ -62,14 +62,8 @@ def _given_up(found: dict[str, Any]) -> str:
 class Peer:
     """An environment in a process of its own, which steps only while it is being timed.
 
-    Attributes:
-        env_id: Its Gymnasium id.
-        substeps: Physics substeps in a step; None where they are not known.
-        timestep: Simulated seconds in a substep; None where they are not known.
-        versions: Of its interpreter and packages.
-
-    Args:
-        spec: "PYTHON=ENV_ID": an interpreter that has the environment, and the id, "module:Id" included.
+    "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" included. Substeps of a step,
+    and their seconds, are None where they are not known.
 
     Raises:
         ConfigError: There is no such interpreter or environment; repeats its message.
@@ -115,19 +109,11 @@ class Peer:
         self._said.close()
 
     def seconds(self, steps: int) -> float:
-        """Makes this many environment steps; returns the seconds that they took.
-
-        Raises:
-            ConfigError: The environment failed, or its process ended.
-        """
+        """Makes this many environment steps; returns the seconds that they took."""
         return float(self._asked(str(steps))["seconds"])
 
     def reached_by_ppo(self) -> dict[str, Any]:
-        """What `peer_worker.reached_by_ppo` returns.
-
-        Raises:
-            ConfigError: The environment failed, or its process ended.
-        """
+        """What `peer_worker.reached_by_ppo` returns."""
         found: dict[str, Any] = self._asked("ppo")
         return found
 
