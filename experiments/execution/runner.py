@@ -8,7 +8,6 @@ from pathlib import Path
 
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.execution.expected import KeptTimes
 from experiments.execution.pending import (
     Machines,
     begin,
@@ -21,7 +20,7 @@ from experiments.execution.pending import (
     withdraw,
     write_pending,
 )
-from experiments.execution.progress import AtWork, Display, Standing, TimeLeft, in_words, made_in
+from experiments.execution.progress import AtWork, Display, KeptTimes, Standing, TimeLeft, in_words, made_in
 from experiments.running.results_folder import (
     FAILED,
     LOG,

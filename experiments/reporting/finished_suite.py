@@ -46,6 +46,13 @@ class FinishedSuite:
         """Runs that failed, or were never finished."""
         return [run for run in self.runs if run.id not in self.outcomes]
 
+    @property
+    def head_part(self) -> ScenarioConfig | SweepConfig:
+        """What its head is about: its first scenario with a change and held-out trials, if any."""
+        held_out = [each for each in self.suite.scenarios if self.suite.evaluation_of(each)]
+        changed = [each for each in held_out if each.perturbations]
+        return (*changed, *held_out, *self.suite.parts)[0]
+
     def runs_of(self, agent: AgentConfig) -> list[str]:
         """The ids of the finished runs of an agent."""
         return [run.id for run in self.runs if run.agent.label == agent.label and run.id in self.outcomes]

@@ -58,14 +58,6 @@ _Cells = dict[str, dict[str, str]]
 """By the agent's label and the column."""
 
 
-def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
-    """What the head of a suite is about: its first scenario with a change and held-out trials, if any."""
-    suite = finished.suite
-    held_out = [each for each in suite.scenarios if suite.evaluation_of(each)]
-    changed = [each for each in held_out if each.perturbations]
-    return (*changed, *held_out, *suite.parts)[0]
-
-
 def table_of(
     finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | OwnTrials | Swept
 ) -> Table:

@@ -12,8 +12,7 @@ from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.kept_tables import read_kept, write_page
 from experiments.reporting.pages import MARKDOWN, PAGE
 from experiments.reporting.report import FILMS, write_report
-from experiments.reporting.results_file import read_finished
-from experiments.running.finished import RESULTS, TIMES
+from experiments.reporting.results_file import RESULTS, TIMES, read_finished
 from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 256

@@ -25,8 +25,8 @@ from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.pages import tables_markdown
+from experiments.reporting.results_file import TIMES, read_times
 from experiments.reporting.tables import Table, must_know
-from experiments.running.finished import TIMES, read_times
 from experiments.running.results_folder import write_whole
 from experiments.running.versions import REPOSITORY
 

@@ -16,8 +16,6 @@ from matplotlib.figure import Figure
 
 import agents
 from calfree_gym.perturb import paired
-from experiments.fetch_reach.calibrated import Calibrated
-from experiments.fetch_reach.cloned import DEMONSTRATED, Cloned
 from experiments.fetch_reach.environment import (
     CAMERA,
     FOVY,
@@ -29,7 +27,14 @@ from experiments.fetch_reach.environment import (
     points_of,
     succeeded,
 )
-from experiments.fetch_reach.pixels import SIZE, ClonedFromImages, images_of
+from experiments.fetch_reach.policies import (
+    DEMONSTRATED,
+    SIZE,
+    Calibrated,
+    Cloned,
+    ClonedFromImages,
+    images_of,
+)
 from experiments.reporting.tables import Table
 
 EPISODES = 100

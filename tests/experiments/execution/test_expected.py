@@ -3,9 +3,8 @@
 import pandas as pd
 import pytest
 
-from experiments.execution.expected import KEPT, KeptTimes
-from experiments.reporting.results_file import read_finished
-from experiments.running.finished import RESULTS
+from experiments.execution.progress import KEPT, KeptTimes
+from experiments.reporting.results_file import RESULTS, read_finished
 from tests.experiments.fakes import runs
 
 

@@ -10,8 +10,16 @@ import scipy.stats
 from experiments.config.suite import ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial import Blocks
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
-from experiments.reporting.held_out import HeldOut, differences, moments, scores, times_to_good, with_clocks
-from experiments.reporting.held_out_section import comparison_section, shown_clocks
+from experiments.reporting.held_out import (
+    HeldOut,
+    comparison_section,
+    differences,
+    moments,
+    scores,
+    shown_clocks,
+    times_to_good,
+    with_clocks,
+)
 from experiments.reporting.sweep import points
 from tests.experiments.reporting.made_up import CAP, finished_suite, results
 
