@@ -18,8 +18,6 @@ from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.in_words import Knock, again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.evaluation import robot_seconds_at
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
 from experiments.reporting.figures import (
     DARK_GREY,
     STYLE,
@@ -27,21 +25,28 @@ from experiments.reporting.figures import (
     LineEnd,
     draw_worlds,
     drawn_in_words,
+    in_words,
     label_lines,
+    lines_of,
     marks,
     motions_axis,
     save,
     say,
 )
 from experiments.reporting.finished_suite import (
+    HOW_FAR,
     MOTIONS,
     RENDEZVOUS,
     SECONDS,
     SUCCESS,
     SUCCESS_IN_WORDS,
+    Distances,
     FinishedSuite,
     about,
     about_environment,
+    distance_rows,
+    distance_tables,
+    distances,
     few_worlds,
     where_it_stands,
     with_cost,

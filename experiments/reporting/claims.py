@@ -15,8 +15,8 @@ import pandas as pd
 from experiments.config.claims import EXTREMES, Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.by_trial import seconds_per_reach
-from experiments.reporting.distance import FAR_MM
 from experiments.reporting.finished_suite import (
+    FAR_MM,
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,

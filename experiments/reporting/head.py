@@ -11,8 +11,8 @@ import pandas as pd
 
 from experiments.config.in_words import knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
-from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
+from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite
 from experiments.reporting.held_out import (
     AFTER,

@@ -12,14 +12,18 @@ from numpy.typing import NDArray
 
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import THRESHOLDS_PX
-from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
 from experiments.reporting.finished_suite import (
+    HOW_FAR,
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
     SUCCESS_IN_WORDS,
+    Distances,
     FinishedSuite,
     about,
+    distance_rows,
+    distance_tables,
+    distances,
     few_worlds,
     with_cost,
 )

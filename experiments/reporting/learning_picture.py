@@ -11,14 +11,16 @@ from matplotlib.figure import Figure
 
 from experiments.config.in_words import again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
-from experiments.reporting.agents_in_words import ASIDE, in_words, lines_of
 from experiments.reporting.figures import (
+    ASIDE,
     STYLE,
     Line,
     LineEnd,
     draw_worlds,
     drawn_in_words,
+    in_words,
     label_lines,
+    lines_of,
     marks,
     motions_axis,
     say,

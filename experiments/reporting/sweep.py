@@ -15,15 +15,29 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from calfree_gym.perturbations import TYPES
 from experiments.config.in_words import axis_in_words
 from experiments.config.suite import AgentConfig, SweepConfig
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
-from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, marks, motions_axis, save, say
+from experiments.reporting.figures import (
+    STYLE,
+    Line,
+    LineEnd,
+    in_words,
+    label_lines,
+    lines_of,
+    marks,
+    motions_axis,
+    save,
+    say,
+)
 from experiments.reporting.finished_suite import (
+    HOW_FAR,
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
+    Distances,
     FinishedSuite,
     about_environment,
+    distance_rows,
+    distance_tables,
+    distances,
     few_worlds,
     where_it_stands,
     with_cost,

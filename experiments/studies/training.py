@@ -18,8 +18,16 @@ from matplotlib.figure import Figure
 import agents
 from experiments.config.suite import AgentConfig
 from experiments.evaluation import Predictor, evaluate
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.figures import STYLE, LineEnd, label_lines, marks, motions_axis, say
+from experiments.reporting.figures import (
+    STYLE,
+    LineEnd,
+    in_words,
+    label_lines,
+    lines_of,
+    marks,
+    motions_axis,
+    say,
+)
 from experiments.reporting.tables import Table
 from experiments.studies.common import CAP, side_by_side
 

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 
 from experiments.reporting.figures import STYLE, LineEnd, label_lines, say
 from experiments.reporting.tables import Table
-from experiments.studies.speed.motions import by_rows, ratios
+from experiments.studies.speed.motions import Line, by_rows, ratios, written
 from experiments.studies.speed.peers import Peer, beside
-from experiments.studies.speed.timing import Line, written
 from experiments.studies.speed.waits import lines
 
 ROUNDS = 60

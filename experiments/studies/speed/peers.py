@@ -16,9 +16,8 @@ from calfree_gym.robot.simulation import SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
 from experiments.errors import ConfigError
 from experiments.studies.speed import peer_worker
-from experiments.studies.speed.motions import bare_model, stepping
+from experiments.studies.speed.motions import Line, bare_model, in_turns, pinned, stepping, timer
 from experiments.studies.speed.peer_worker import SHARE, reached_by_ppo
-from experiments.studies.speed.timing import Line, in_turns, pinned, timer
 
 WORKER = Path(peer_worker.__file__)
 WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic"}

@@ -24,8 +24,16 @@ from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.sb3 import make_sb3_env
 from experiments.studies.common import REACH, arms_of_tests
-from experiments.studies.speed.motions import SEVEN_MOTORS, stepping
-from experiments.studies.speed.timing import Line, Timer, alone, in_turns, pinned, timer
+from experiments.studies.speed.motions import (
+    SEVEN_MOTORS,
+    Line,
+    Timer,
+    alone,
+    in_turns,
+    pinned,
+    stepping,
+    timer,
+)
 
 KINEMATIC: dict[str, Any] = {"dynamics": "kinematic", "truth": False}
 SMALL = 84

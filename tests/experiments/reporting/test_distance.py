@@ -7,7 +7,7 @@ import scipy.stats
 
 from experiments.config.suite import SweepConfig
 from experiments.reporting.by_trial import own_trials, trial_section
-from experiments.reporting.distance import FAR_MM, distances
+from experiments.reporting.finished_suite import FAR_MM, distances
 from experiments.reporting.held_out import held_out, held_out_sections
 from experiments.reporting.pages import Head, markdown_page
 from experiments.reporting.sweep import sweep_sections, swept

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import agents
-from experiments.reporting.agents_in_words import in_words
+from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import about, few_worlds
 from experiments.reporting.head import sentences, table_of
 from experiments.reporting.held_out import held_out

@@ -14,7 +14,7 @@ from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting import keep as module
 from experiments.reporting import kept_tables
-from experiments.reporting.agents_in_words import colour
+from experiments.reporting.figures import colour
 from experiments.reporting.keep import fewer_colours, keep, keep_benchmark
 from experiments.reporting.kept_tables import KEPT, tables_named
 from experiments.reporting.results_file import gather
