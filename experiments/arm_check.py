@@ -37,9 +37,6 @@ class ArmCheck:
 
     Attributes:
         problems: What keeps it from being used, one line each; complete when all tables have been made.
-
-    Raises:
-        ValueError: There is no such mount.
     """
 
     def __init__(self, arm: Arm, camera_mount: str | tuple[str, str]) -> None:
@@ -62,12 +59,7 @@ class ArmCheck:
         yield self._settling()
 
     def picture(self, path: Path) -> None:
-        """Writes the nominal robot at home, and beside it what its cameras see.
-
-        Raises:
-            OSError: The file cannot be written.
-            gymnasium.error.DependencyNotInstalled: OpenGL is missing.
-        """
+        """Writes the nominal robot at home, and beside it what its cameras see."""
         env = self._env(render_mode="rgb_array")
         env.reset(seed=0)
         image: Any = env.render()

@@ -47,11 +47,9 @@ class TrialsOf(Model):
     """Trials of an agent: its own, held-out ones, or those at one value of a sweep.
 
     Attributes:
-        agent: Its label.
         scenario: Name of the scenario or sweep.
         trials: First and last of its own trials, from 1.
         motions: Lifetime motions after which held-out trials were made: at the first checkpoint from there.
-        value: Of what the sweep varies.
     """
 
     agent: Name
@@ -75,8 +73,6 @@ class Number(Model):
     """One number of the results.
 
     Attributes:
-        measure: See `Measure`.
-        of: Of which trials.
         than: If given, the number is by how much `of` differs from it, world by world.
         relative: Whether that is told as a share of what it is at `than`.
         look: Seconds that a look takes, for seconds.

@@ -27,9 +27,6 @@ def with_shares_as_motions(
     """A schedule in which `at: {share: 0.5}` is the motion that it means, of a life that has so many.
 
     Of a life that is counted in trials `motions` is None.
-
-    Raises:
-        ValueError: A share is no number between 0 and 1, or the life is counted in trials.
     """
     found = list(schedule)
     for i, share in shares(schedule):

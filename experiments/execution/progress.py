@@ -132,12 +132,9 @@ def display() -> Display:
 
 
 class TimeLeft:
-    """Of runs that are made some at a time, the longest first.
+    """Of runs that are made some at a time, the longest first, by the seconds that each is expected to take.
 
-    Args:
-        expected: Seconds of each run where kept times were made, by its id, in the order in which they begin.
-        at_once: How many runs are made at a time; None where that shows by and by.
-        now: Tells the time in seconds.
+    How many are made at once shows by and by where it is None.
     """
 
     def __init__(
@@ -202,11 +199,7 @@ class Status:
 
 
 def status(out: Path) -> Status:
-    """The state of all runs of the suite that was run in a folder last.
-
-    Raises:
-        ConfigError: No suite was run there.
-    """
+    """The state of all runs of the suite that was run in a folder last."""
     suite, command = read_suite(out)
     runner = at_work(out)
     rows = [(run.id, *_state(run, out, runner)) for run in runs_of(suite)]

@@ -70,11 +70,6 @@ class Runner:
         """Makes all runs that are not finished yet; returns those that failed, or that a failed one stopped.
 
         The report names the command that the user typed.
-
-        Raises:
-            ConfigError: The folder cannot be made, another runner is at work in it, results of other code or
-                of another configuration are there, or the machines went away; what has finished stays.
-            OSError: The folder cannot be written; what has finished stays.
         """
         runs = runs_of(self.suite)
         with locked(made_folder(self.out)), closing(self.machines):

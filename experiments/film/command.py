@@ -39,12 +39,7 @@ LEAST_HEIGHT = 144
 
 
 class GifConfig(Model):
-    """The film once more, small enough for a page.
-
-    Attributes:
-        width: In pixels.
-        frames_per_second: At most the film's.
-    """
+    """The film once more, small enough for a page."""
 
     width: int = Field(720, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(10, gt=0, le=50)
@@ -54,18 +49,11 @@ class FilmConfig(Model):
     """A lifetime that is filmed.
 
     Attributes:
-        agent: Who is filmed; a name, or a mapping.
-        env: Where.
         seed: Of world, objects, noise and agent.
-        trials: So many are made.
         first_trial: The first that is shown; those before are made, too.
         learn: Whether the agent learns, or shows what it does without.
-        perturbations: A schedule.
-        width: Of the film, in pixels.
         height: Of the film, words included, in pixels.
         words: Whether words stand below, and say what happens; small films are better without.
-        frames_per_second: Of the film.
-        gif: Of the GIF.
     """
 
     agent: AgentConfig
@@ -124,11 +112,7 @@ class FilmConfig(Model):
 
 
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:
-    """Reads and validates what is to be filmed; environment and agent are built once.
-
-    Raises:
-        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
-    """
+    """Reads and validates what is to be filmed; environment and agent are built once."""
     return load_as(FilmConfig, path, overrides, _unbuildable)
 
 

@@ -52,11 +52,7 @@ class FilmFiles:
         return self.frames / self._rate
 
     def __enter__(self) -> Self:
-        """Begins the MP4.
-
-        Raises:
-            ConfigError: OpenCV cannot write MP4 here.
-        """
+        """Begins the MP4."""
         self.mp4.parent.mkdir(parents=True, exist_ok=True)
         codec = cv2.VideoWriter.fourcc(*CODEC)
         self._writer = cv2.VideoWriter(str(_partial(self.mp4)), codec, float(self._rate), self._size)
@@ -85,11 +81,7 @@ class FilmFiles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Finishes all files, or leaves none.
-
-        Raises:
-            ConfigError: There is no frame, or the MP4 is not whole.
-        """
+        """Finishes all files, or leaves none."""
         try:
             self._writer.release()
             if kind is None:

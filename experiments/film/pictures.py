@@ -185,9 +185,6 @@ class Screen:
     """Draws one robot, whose environment is unwrapped, in pictures so wide and (even) so high.
 
     With `sensors`, camera images have the light, the blur, exposure and noise by which agents see.
-
-    Raises:
-        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
     def __init__(self, env: Any, width: int, height: int, sensors: bool) -> None:
@@ -292,11 +289,7 @@ def chosen(moments: Sequence[Moment]) -> list[Moment]:
 
 
 def frame_strip(moments: Sequence[Moment]) -> Image:
-    """Moments of one size side by side (height, width, 3), on white.
-
-    Raises:
-        ValueError: There is none.
-    """
+    """Moments of one size side by side (height, width, 3), on white."""
     if not moments:
         raise ValueError("a strip of no moments")
     height, step = len(moments[0].picture), WIDTH + _GAP

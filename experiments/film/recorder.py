@@ -36,14 +36,7 @@ class TrialStatus(NamedTuple):
 
 
 class TaskInWords(NamedTuple):
-    """What an agent is to do, in words.
-
-    Attributes:
-        told_by: What only its truth tells; nothing, of reaching.
-        trial: What a trial is.
-        done: What has happened where the trial was a success.
-        marks: What is marked in magenta, and what in green.
-    """
+    """What an agent is to do, in words: what only its truth tells; a trial; what was done; what is marked."""
 
     told_by: str
     trial: str

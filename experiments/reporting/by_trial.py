@@ -237,15 +237,7 @@ def trial_curves(
     knocks: Sequence[Knock],
     said: str,
 ) -> Figure:
-    """Motions per reach; every block of trials has the same width.
-
-    Args:
-        title: Stands above.
-        curves: Of each agent, with its line.
-        cap: Motions after which a trial has failed.
-        knocks: Marked where they fall, between trials, where that is known.
-        said: Stands below the panel.
-    """
+    """Motions per reach, every block of trials of the same width; knocks are marked where they fall."""
     edges = curves[0][1].edges
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.6, 4.3), layout="constrained")

@@ -79,9 +79,7 @@ class Times(NamedTuple):
 
     Attributes:
         at: When it was first good, or was last looked at (worlds,).
-        good: Whether it was (worlds,).
         latest: The latest time that was looked at.
-        median: Of the worlds.
     """
 
     at: Array
@@ -92,11 +90,7 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """The held-out trials of a scenario.
-
-    Attributes:
-        worlds: By an agent's label, in the suite's order, how many runs there should be.
-    """
+    """The held-out trials of a scenario, and how many runs each label has, in the suite's order."""
 
     scenario: ScenarioConfig
     rows: pd.DataFrame

@@ -89,12 +89,7 @@ def _refuse_no_commit(whose: str, found: str) -> None:
 
 
 def keep_benchmark(measured: Path, kept: Path) -> Path:
-    """Copies NAME.json and NAME.png, which `benchmark --out` wrote, and writes a page; returns the folder.
-
-    Raises:
-        ConfigError: There is no such file, it is damaged, no commit has the code that made it, or a suite is
-            kept under its name.
-    """
+    """Copies NAME.json and NAME.png, which `benchmark --out` wrote, and writes a page; returns the folder."""
     if not measured.is_file():
         raise ConfigError(f"{measured}: there is no such file")
     _refuse_no_commit(f"{measured} was made by", read_kept(measured)[2])

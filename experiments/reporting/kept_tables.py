@@ -119,11 +119,7 @@ def _chosen(table: Table, columns: str, without: str) -> Table:
 
 
 def read_kept(path: Path) -> tuple[list[Table], list[Table], str]:
-    """The tables in a kept file, the details among them, and the commit that made it.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """The tables in a kept file, the details among them, and the commit that made it."""
     try:
         kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables, details = (
@@ -144,11 +140,7 @@ def pages() -> list[Path]:
 
 
 def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, str]:
-    """The pages that differ from what the code makes of the tables that they name, and what they should be.
-
-    Raises:
-        ConfigError: A marker is not closed, or there is no table of its name; says where.
-    """
+    """The pages that differ from what the code makes of the tables they name, and what they should be."""
     found = {}
     for path in paths:
         text = path.read_text(encoding="utf-8")
@@ -179,11 +171,7 @@ def _filled(path: Path, text: str, table: Callable[[str], str]) -> str:
 
 
 def write_page(measured: Path, page: Path) -> None:
-    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read."""
     tables, _, commit = read_kept(measured)
     parts = [f"# {measured.parent.name}", f"Code of commit {commit}."]
     if (figure := measured.with_suffix(".png")).exists():

@@ -30,9 +30,6 @@ def report(source: Path, out: Path | None) -> Path:
 
     The source is its results folder, or the results.parquet of one, beside which the report stands if `out`
     is not given.
-
-    Raises:
-        ConfigError: There are no results, or they are damaged.
     """
     results = gather(source) if source.is_dir() or not source.suffix else source
     return write_report(read_finished(results, out or results.parent), show_head=True)

@@ -56,11 +56,7 @@ Found = TypeVar("Found")
 
 
 def opened(read: Callable[[Path], Found], results: Path) -> Found:
-    """What `read` reads of a Parquet file.
-
-    Raises:
-        ConfigError: There is no such file, or it is damaged.
-    """
+    """What `read` reads of a Parquet file."""
     try:
         return read(results)
     except FileNotFoundError:
@@ -75,11 +71,7 @@ def packed(about: dict[str, Any]) -> str:
 
 
 def read_about(results: Path) -> dict[str, Any]:
-    """What a Parquet file says of its suite.
-
-    Raises:
-        ConfigError: There is no such file, it is damaged, or it was made by other code.
-    """
+    """What a Parquet file says of its suite."""
     metadata: dict[bytes, bytes] = opened(pq.read_metadata, results).metadata or {}
     if METADATA.encode() not in metadata:
         raise ConfigError(f"{results} says nothing of a suite: {OTHER}")
@@ -93,11 +85,7 @@ def read_about(results: Path) -> dict[str, Any]:
 
 
 def read_times(path: Path) -> pd.DataFrame:
-    """Seconds of finished runs, if they are known.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """Seconds of finished runs, if they are known."""
     if not path.exists():
         return pd.DataFrame(columns=TIMED)
     try:
@@ -143,11 +131,7 @@ _COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
 
 
 def gather(out: Path) -> Path:
-    """Gathers the finished runs of a folder into `results.parquet`, whose path is returned, and their times.
-
-    Raises:
-        ConfigError: No suite was run in the folder, or its runs are damaged or of different versions.
-    """
+    """Gathers the finished runs of a folder into `results.parquet`, which is returned, and their times."""
     suite, command = read_suite(out)
     runs = runs_of(suite)
     done = [run for run in runs if is_done(folder_of(out, run.id))]
@@ -174,11 +158,7 @@ def gather(out: Path) -> Path:
 
 
 def read_finished(results: Path, out: Path) -> FinishedSuite:
-    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`.
-
-    Raises:
-        ConfigError: There is no such file, it is damaged, or it was made by other code.
-    """
+    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`."""
     about, table = read_about(results), opened(pq.read_table, results)
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")

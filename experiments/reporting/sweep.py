@@ -220,13 +220,7 @@ def _table(found: Swept) -> Table:
 
 
 def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
-    """Trials without success on the left, and motions per reach on the right, both against the value.
-
-    Args:
-        sweep: What is varied.
-        curves: Of all agents.
-        said: Stands below the panels.
-    """
+    """Trials without success on the left, and motions per reach on the right, both against the value."""
     with plt.rc_context(STYLE):
         figure, (misses, motions) = plt.subplots(1, 2, figsize=(8.6, 4), layout="constrained")
         lost, worst = [], 0.0
@@ -251,13 +245,7 @@ def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
 
 
 def sweeps_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Curves], said: str) -> Figure:
-    """Motions per reach in all sweeps, a panel each, three in a row.
-
-    Args:
-        sweeps: In their order.
-        curves: By the sweep's name.
-        said: Stands below the panels.
-    """
+    """Motions per reach in all sweeps, a panel each, three in a row."""
     across = min(_ACROSS, len(sweeps))
     down = math.ceil(len(sweeps) / across)
     with plt.rc_context({**STYLE, "axes.labelsize": 8.5}):

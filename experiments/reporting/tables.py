@@ -28,10 +28,8 @@ class Table:
 
     Attributes:
         name: Names the table in kept files and in the markers of pages.
-        title: What the rows are about.
         frame: One row a line, numbers as numbers.
         formats: How the numbers of a column are written, such as ".1%" or ",.0f"; others as they are.
-        note: How to read the table.
     """
 
     name: str

@@ -16,12 +16,7 @@ _WORLD, _EVALUATION, _AGENT = range(3)
 
 
 class Run(Model):
-    """What one process makes. Equal contents have equal ids.
-
-    Attributes:
-        agent: Which agent, with which settings.
-        agent_seed: Seeds what the agent draws by itself.
-    """
+    """What one process makes. Equal contents have equal ids."""
 
     agent: AgentConfig
     agent_seed: int
@@ -77,7 +72,6 @@ class SweepRun(Run):
     """One agent at every value of a sweep, in every world.
 
     Attributes:
-        sweep: What is varied.
         world_seeds: Of worlds, their objects and their noise; the same at all values, for all agents.
     """
 

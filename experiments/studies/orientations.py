@@ -40,10 +40,9 @@ HANGS = 0.03
 
 
 class Told(NamedTuple):
-    """What geometry says of a thing at one orientation.
+    """What geometry says of a thing at one orientation; the slant is that of its main axis (degrees).
 
     Attributes:
-        slant: Of its main axis, from the vertical (degrees).
         down: The same of a gripper that points straight down.
         squarely: The same of jaws that press squarely.
     """

@@ -48,10 +48,6 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
     What stands in the folder is gone on with. So many agents are tuned at a time; the tries of one follow
     each other, as each learns from those before it. With `write`, settings that beat the default ones go into
     configs/agents.
-
-    Raises:
-        ConfigError: An agent is not tuned here, another process is at work in the folder, or it holds tries
-            of other code or of another configuration.
     """
     try:
         agents = config.only(names).agents if names else config.agents
@@ -136,11 +132,7 @@ def write_tables(out: Path, config: TuningConfig) -> list[Table]:
 
 
 def settings_file(found: dict[str, Any], folder: Path = SETTINGS) -> str:
-    """configs/agents/NAME.yaml with the chosen settings in it, whatever else stands there kept.
-
-    Raises:
-        ConfigError: One of the settings stands there over several lines.
-    """
+    """configs/agents/NAME.yaml with the chosen settings in it, whatever else stands there kept."""
     name, settings = found["agent"]["name"], found["settings"]
     path = folder / f"{name}.yaml"
     text = path.read_text(encoding="utf-8") if path.exists() else ""

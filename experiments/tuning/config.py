@@ -35,8 +35,6 @@ class RangeConfig(Model):
     """The numbers that a setting may have; whole ones, where both ends are whole.
 
     Attributes:
-        low: The least.
-        high: The largest.
         log: Whether factors count, and not differences.
     """
 
@@ -112,7 +110,6 @@ class TuningScenarioConfig(ScenarioConfig):
     """Lifetimes in which settings are judged, in so many worlds.
 
     Attributes:
-        evaluation: When the agent is scored on held-out trials.
         worlds: In which each try is made.
         check_worlds: Other ones, in which the best settings are compared with the default ones.
     """
@@ -162,11 +159,7 @@ class TuningConfig(Model):
         return value
 
     def only(self, names: list[str]) -> "TuningConfig":
-        """The same for some of its agents.
-
-        Raises:
-            ValueError: One of them is not tuned here.
-        """
+        """The same for some of its agents."""
         for name in names:
             try:
                 one_of(name, tuple(agent.name for agent in self.agents))
@@ -196,11 +189,7 @@ class TuningConfig(Model):
 
 
 def load_tuning(path: Path, overrides: Sequence[str] = ()) -> TuningConfig:
-    """Reads and validates a configuration.
-
-    Raises:
-        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
-    """
+    """Reads and validates a configuration."""
     return load_as(TuningConfig, path, overrides, partial(_wrong_in, folder=path.parent))
 
 

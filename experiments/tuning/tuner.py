@@ -54,9 +54,6 @@ class Study:
     Args:
         agent: Whose settings are varied. Try 0 is that of the default ones.
         seed: Of the sampler, a tree-structured Parzen estimator (Bergstra et al. 2011).
-
-    Attributes:
-        tries: All that have ended.
     """
 
     def __init__(self, agent: TunedAgentConfig, seed: int):
@@ -140,11 +137,7 @@ class Lifetimes:
         self._at_work: set[Worker] = set()
 
     def make(self, run: LifetimeRun, cpu_seconds: float, log: Path) -> Lived:
-        """Makes a lifetime, and keeps nothing else of it; what it prints is appended to `log`.
-
-        Raises:
-            LostError: The worker was stopped, or died.
-        """
+        """Makes a lifetime, and keeps nothing else of it; what it prints is appended to `log`."""
         with (
             lent_worker(self._versions) as worker,
             TemporaryDirectory(ignore_cleanup_errors=True) as name,
@@ -193,10 +186,6 @@ class Tuner:
     Its journal holds, one a line, what defines the tries, and what each lifetime came to. All else follows
     from these, so that a tuner that was killed and started again makes the same tries. The folder keeps the
     journal and what workers print; lifetimes are made by `make`, see `Lifetimes.make`.
-
-    Raises:
-        ConfigError: The folder has a journal of this agent by other code or of another configuration, or a
-            damaged one.
     """
 
     config: TuningConfig
@@ -244,15 +233,7 @@ class Tuner:
         write_whole(self._journal, "\n".join([*lines, ""]))
 
     def tune(self) -> dict[str, Any]:
-        """Makes what is left of the tries and of the check.
-
-        Returns:
-            What is published, as JSON has it.
-
-        Raises:
-            DefaultsFailError: There is nothing to compare with.
-            LostError: A worker was stopped, or died; what has finished is kept.
-        """
+        """Makes what is left of the tries and of the check; returns what is published, as JSON has it."""
         if not self._lived:
             self.say(f"{self.name}: at most {self.config.tries} tries {self._size()}")
         while (stopped_by := self._stopped_by()) is None:

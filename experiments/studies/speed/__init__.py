@@ -29,9 +29,6 @@ def tables(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Iterator[Table]:
     """What takes how long; and motions a second, by how many arms move at once.
 
     Pairs are timed so many times, of what is slow fewer.
-
-    Raises:
-        ConfigError: A peer cannot be had.
     """
     machine: dict[str, Any] = {"cores": os.cpu_count(), "python": platform.python_version()}
     machine |= {name: version(name) for name in PACKAGES}

@@ -63,9 +63,6 @@ class Peer:
 
     "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" included. Substeps of a step,
     and their seconds, are None where they are not known.
-
-    Raises:
-        ConfigError: There is no such interpreter or environment; repeats its message.
     """
 
     def __init__(self, spec: str) -> None:
