@@ -15,29 +15,13 @@ import numpy as np
 import agents
 import calfree_gym
 from calfree_gym.geometry import Array
-from experiments.evaluation import TrialRecord
-from experiments.reporting.tables import beside
-from experiments.statistics import mean_share
 
 REACH = calfree_gym.ENV_IDS[0]
 CAP = gym.spec(REACH).max_episode_steps or 0
 """Motions as which a trial without a rendezvous counts."""
 
-Lifetimes = Sequence[Sequence[TrialRecord]]
-"""Trials of each world, of the same number in all."""
 Map = Callable[..., Iterable[Any]]
 """As `map` with one argument."""
-
-
-def motions_per_reach(lifetimes: Lifetimes) -> Array:
-    """Motions (worlds, trials), a trial without a rendezvous counting as `CAP`."""
-    return np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes], float)
-
-
-def share_of(what: str, lifetimes: Lifetimes, form: str) -> dict[str, Any]:
-    """Columns of a table: the share of trials with a "rendezvous" or "success", its interval over worlds."""
-    found = np.array([[record[what] for record in records] for records in lifetimes])
-    return beside(what, mean_share(found), form)
 
 
 class FirstTrial(NamedTuple):

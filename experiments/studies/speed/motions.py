@@ -141,7 +141,7 @@ def _single(rounds: int, truth: bool, required: float | None = None, sensors: bo
     model = bare_model()
     if not sensors:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-    bare = _bare(model, mujoco.MjData(model), motions * SUBSTEPS)
+    bare = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)
     ours, other = "" if truth else ", truth=False", "" if sensors else " without sensors"
     what = f"a motion of one arm{ours} / mj_step{other}"
     with pinned(1):
@@ -149,12 +149,14 @@ def _single(rounds: int, truth: bool, required: float | None = None, sensors: bo
         return in_turns(what, moving, timer(bare, motions), rounds, required)
 
 
-def _bare(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Callable[[], None]:
-    def bare() -> None:
-        for _ in range(substeps):
-            mujoco.mj_step(model, data)
+def repeated(function: Callable[[], object], times: int) -> Callable[[], None]:
+    """Calls a function so many times."""
 
-    return bare
+    def calls() -> None:
+        for _ in range(times):
+            function()
+
+    return calls
 
 
 def _batched(
@@ -166,12 +168,7 @@ def _batched(
 ) -> Line:
     """256 rows on all cores."""
     rows, motions = 256, 4
-    batch = Batch(bare_model(arm), rows)
-
-    def bare() -> None:
-        for _ in range(motions):
-            batch.step(nstep=SUBSTEPS)
-
+    bare = repeated(partial(Batch(bare_model(arm), rows).step, nstep=SUBSTEPS), motions)
     ours = stepping(rows, motions, truth=truth, **({} if arm is None else {"arm": arm}))
     what = f"a motion of {rows} rows{'' if truth else ', truth=False'} / Batch.step{named}"
     return in_turns(what, timer(ours, motions), timer(bare, motions), rounds, required)
@@ -188,12 +185,7 @@ def _kinematic(
     """1,024 rows of kinematic dynamics, on one thread or (0) all."""
     rows, motions = 1024, 60
     batch = Batch(bare_model(arm, mount), rows, nthread=threads)
-    stage = int(mujoco.mjtStage.mjSTAGE_POS)
-
-    def bare() -> None:
-        for _ in range(motions):
-            batch.forward(stage=stage)
-
+    bare = repeated(partial(batch.forward, stage=int(mujoco.mjtStage.mjSTAGE_POS)), motions)
     of = {} if arm is None else {"arm": arm}
     chosen: dict[str, Any] = {"truth": False, "threads": threads, "camera_mount": mount, **of}
     ours = stepping(rows, motions, dynamics="kinematic", **chosen)
@@ -255,7 +247,8 @@ def grasping(rounds: int, rows: int = 64, motions: int = 6, bare_steps: int = 50
         for state, make in ((FREE, _free), (HELD, _holding)):
             env = make(arguments)
             batch = env.arms.simulation._batch
-            bare = timer(_bare(batch.get_model(0), batch.get_data(0), bare_steps), bare_steps)
+            step = partial(mujoco.mj_step, batch.get_model(0), batch.get_data(0))
+            bare = timer(repeated(step, bare_steps), bare_steps)
             what = f"a substep of grasping, {state} / mj_step"
             yield in_turns(what, _moving(env, WORDS[state], motions), bare, rounds, BESIDE_MUJOCO[state])
     mine, other = (gym.make_vec(GRASP, rows, max_episode_steps=10**9, **arguments) for _ in range(2))

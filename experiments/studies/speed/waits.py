@@ -31,6 +31,7 @@ from experiments.studies.speed.motions import (
     alone,
     in_turns,
     pinned,
+    repeated,
     stepping,
     timer,
 )
@@ -107,12 +108,7 @@ def _trials(rows: int, **arguments: Any) -> Timer:
         REACH, rows, threads=1, max_episode_steps=TRIAL, terminate_on_success=False, **KINEMATIC, **arguments
     )
     envs.reset(seed=0)
-    words = np.zeros(envs.action_space.shape or (), np.float32)
-
-    def move() -> None:
-        for _ in range(2 * TRIAL):
-            envs.step(words)
-
+    move = repeated(partial(envs.step, np.zeros(envs.action_space.shape or (), np.float32)), 2 * TRIAL)
     for _ in range(20 * POOL // rows if arguments == _OF_POOL else 1):
         move()  # each world of the pool is met for the first time
     return timer(move, 2 * TRIAL, time.process_time)
