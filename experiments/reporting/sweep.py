@@ -42,7 +42,7 @@ from experiments.reporting.finished_suite import (
     where_it_stands,
     with_cost,
 )
-from experiments.reporting.pages import Section, summary_row
+from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
 from experiments.statistics import Estimate, mean_share, median_world
 
@@ -136,7 +136,8 @@ Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 
 def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Section]:
     """Where there are several sweeps, all in one figure; then each with a figure and a table."""
-    lines = lines_of(finished.suite.agents)
+    lines, folder = lines_of(finished.suite.agents), finished.out / "figures"
+    said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     curves: dict[str, Curves] = {
         each.sweep.name: [
             (agent, each.points[agent.label], lines[agent.label])
@@ -144,50 +145,40 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
         ]
         for each in found
     }
-
-    folder = finished.out / "figures"
-    said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     sections = []
     for each, words in zip(found, said, strict=True):
-        name = each.sweep.name
-        figure = sweep_figure(each.sweep, curves[name], words)
-        summary = [
-            summary_row(name, "sweep", label, f"{point.value:g}", measure, measured, point.trials)
-            for label, of_agent in each.points.items()
-            for point in of_agent
-            for measure, measured in (
-                (SUCCESS, point.success),
-                (RENDEZVOUS, point.rendezvous),
-                ("rendezvous_at_once", point.at_once),
-                (MOTIONS, point.motions),
-                ("median_motions", point.among_reached),
-            )
-        ]
-        summary += [
-            row
-            for label, of_agent in each.points.items()
-            for point in of_agent
-            if point.distances
-            for row in distance_rows(name, "sweep", label, f"{point.value:g}", point.distances)
-        ]
-        far = (
-            ([label, f"{at.value:g}"], at.distances) for label, at in _shown(each) if at.distances is not None
-        )
+        name, shown = each.sweep.name, _shown(each)
+        far = [([label, f"{at.value:g}"], at.distances) for label, at in shown if at.distances is not None]
         how_far = distance_tables(name, each.sweep.env, ["agent", each.sweep.vary], far)
+        figure = save(sweep_figure(each.sweep, curves[name], words), folder, name)
         sections.append(
             Section(
                 title=f"Sweep {name}",
                 text=_about(finished, each.sweep),
-                figures={name: save(figure, folder, name)},
-                tables=(_table(each), *how_far),
+                figures={name: figure},
+                tables=(_table(each.sweep, shown), *how_far),
                 note=_HOW_TO_READ + HOW_FAR * len(how_far),
-                summary=summary,
+                summary=[*_summary(each)],
             )
         )
     if len(found) < 2:
         return sections
-    figure = sweeps_figure([each.sweep for each in found], curves, said[0])
-    return [Section(title="All sweeps", figures={"_all": save(figure, folder, "_all")}), *sections]
+    together = save(sweeps_figure([each.sweep for each in found], curves, said[0]), folder, "_all")
+    return [Section(title="All sweeps", figures={"_all": together}), *sections]
+
+
+def _summary(found: Swept) -> Iterator[SummaryRow]:
+    every = [(label, point) for label, curve in found.points.items() for point in curve]
+    for label, point in every:
+        where = found.sweep.name, "sweep", label, f"{point.value:g}"
+        yield summary_row(*where, SUCCESS, point.success, point.trials)
+        yield summary_row(*where, RENDEZVOUS, point.rendezvous, point.trials)
+        yield summary_row(*where, "rendezvous_at_once", point.at_once, point.trials)
+        yield summary_row(*where, MOTIONS, point.motions, point.trials)
+        yield summary_row(*where, "median_motions", point.among_reached, point.trials)
+    for label, point in every:
+        if point.distances:
+            yield from distance_rows(found.sweep.name, "sweep", label, f"{point.value:g}", point.distances)
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -203,17 +194,16 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     )
 
 
-def _shown(found: Swept) -> Iterator[tuple[str, Point]]:
+def _shown(found: Swept) -> list[tuple[str, Point]]:
     """By label, the points that stand in tables."""
     indices = np.unique(np.linspace(0, len(found.sweep.over) - 1, _SHOWN).round().astype(int))
-    return ((label, curve[i]) for label, curve in found.points.items() for i in indices)
+    return [(label, curve[i]) for label, curve in found.points.items() for i in indices]
 
 
-def _table(found: Swept) -> Table:
-    sweep = found.sweep
+def _table(sweep: SweepConfig, shown: Sequence[tuple[str, Point]]) -> Table:
     rows = [
         [label, f"{at.value:g}", percent(at.rendezvous), number(at.among_reached), percent(at.success)]
-        for label, at in _shown(found)
+        for label, at in shown
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
     return Table.of(sweep.name, f"Sweep {sweep.name}", columns, rows)

@@ -127,18 +127,6 @@ def test_without_all_its_runs_there_is_no_number():
         assert found_in(pd.concat([whole, *others]), "motions", of, than=trials_of()) is None
 
 
-def test_the_papers_claims_need_results():
-    judged = judge(rows("nobody", [[1]])[:0], load(CONFIGS / "paper.yaml"))
-    assert {each.verdict for each in judged} == {Verdict.UNTESTED}
-
-
-def test_equal_agents_confirm_no_difference():
-    same = [rows(agent, np.full((WORLDS, 3), 7)) for agent in ("paper_servo", "unified_servo")]
-    faster = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
-    found = measured(pd.concat(same), Suite.model_validate(SUITE), faster)
-    assert verdict_of(faster, found, None) is Verdict.NOT_CONFIRMED
-
-
 @pytest.mark.parametrize(
     ("worlds", "mine", "null", "verdict"),
     [
