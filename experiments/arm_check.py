@@ -21,7 +21,7 @@ from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
 from experiments.config.environment import as_arm
 from experiments.errors import ConfigError
 from experiments.options import Parser
-from experiments.reporting.tables import Table, show
+from experiments.reporting.tables import Table, show, written
 
 WILD_WORLDS = 100
 MOTIONS = 100
@@ -130,11 +130,7 @@ class ArmCheck:
         ]
         rows = [
             ("nominal: gripper at home", "seen" if at_home else "not seen", "seen"),
-            (
-                "nominal: work space in view",
-                f"{share:.0%}".replace("%", " %"),
-                f"{least:.0%}".replace("%", " %"),
-            ),
+            ("nominal: work space in view", written(share, ".0%"), written(least, ".0%")),
             (f"wild: draws in view, of {WILD_WORLDS}", f"{sum(seen)}", "1"),
         ]
         if not at_home or share < least:

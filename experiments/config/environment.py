@@ -172,10 +172,8 @@ class EnvironmentConfig(Model):
     @property
     def privileged(self) -> tuple[str, ...]:
         """All that its argument `tell` can add."""
-        task = import_module(
-            f"calfree_gym.tasks.{'dock' if self.task == 'dock' else 'reach'}"
-        )  # needs MuJoCo 3.17
-        return tuple(task.PRIVILEGED)
+        task = "dock" if self.task == "dock" else "reach"
+        return tuple(import_module(f"calfree_gym.tasks.{task}").PRIVILEGED)  # needs MuJoCo 3.17
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()

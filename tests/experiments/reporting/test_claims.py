@@ -295,16 +295,15 @@ def test_the_report_says_which_claims_stand():
     assert first["null agent"] == "random: 0 % [0 %, 11 %] (-7.2)"
 
 
+AWAY = {"scenario": "away", "trials": [1, 2]}
+
+
 @pytest.mark.parametrize(
     ("of", "test", "said"),
     [
         ({"scenario": "hom", "motions": 0}, {}, "hom"),
-        (
-            {"agent": "unified_servo", "scenario": "away", "trials": [1, 2]},
-            {"null_agent": "paper_servo"},
-            "allowed: paper_servo",
-        ),
-        ({"scenario": "away", "trials": [1, 51]}, {}, "up to 50"),
+        (AWAY | {"agent": "unified_servo"}, {"null_agent": "paper_servo"}, "allowed: paper_servo"),
+        (AWAY | {"trials": [1, 51]}, {}, "up to 50"),
         ({"motions": 501}, {}, "up to 500"),
         ({"scenario": "aim", "value": 4}, {}, "0, 5"),
         ({}, {}, "one of trials, motions and value"),
@@ -312,14 +311,10 @@ def test_the_report_says_which_claims_stand():
         ({"motions": 0}, {"measure": "speed"}, "measure"),
         ({"motions": 0}, {"measure": "seconds"}, "look"),
         ({"motions": 0}, {"measure": "quickly"}, "within"),
-        (
-            {"motions": 0},
-            {"null_agent": None},
-            "(c): no null agent, which should fail; allowed: unified_servo",
-        ),
+        ({"motions": 0}, {"null_agent": None}, "no null agent, which should fail; allowed: unified_servo"),
         ({"motions": 0}, {"null_agent": "paper_servo"}, "another agent than paper_servo"),
         ({"motions": 0}, {"null_agent": "unified"}, "did you mean unified_servo"),
-        ({"scenario": "away", "trials": [1, 2]}, {}, "unified_servo"),
+        (AWAY, {}, "unified_servo"),
         ({"motions": 0}, {"below": 0.9}, "above"),
         ({"motions": 0}, {"relative": True}, "relative"),
         ({"motions": 0}, {"measure": "kept"}, "kept"),
