@@ -220,17 +220,9 @@ _LONG = (0, (9, 1.6))
 
 # Okabe and Ito's hues, darkened until text in them is read on white (contrast of 4.5 and more), and others
 # between them. Agents that share one are of a kind, and their dashes differ.
-_GREEN, _VERMILION, _PINK, _SKY, _BLUE, _AMBER, _BLACK = (
-    "#007F5F",
-    "#B84300",
-    "#A3156F",
-    "#1A7DB6",
-    "#003F8F",
-    "#946E00",
-    "#000000",
-)
+_GREEN, _VERMILION, _PINK, _SKY = "#007F5F", "#B84300", "#A3156F", "#1A7DB6"
+_BLUE, _AMBER, _BLACK, _GREY = "#003F8F", "#946E00", "#000000", "#757575"
 _PURPLE, _RED, _OLIVE, _TEAL = "#6F4BC0", "#8C1C13", "#5F6B00", "#00707A"
-_GREY = "#757575"
 
 ASIDE = ("oracle", "random")
 """Ceiling and floor: thin grey lines."""

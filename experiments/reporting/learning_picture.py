@@ -25,14 +25,8 @@ from experiments.reporting.figures import (
     motions_axis,
     say,
 )
-from experiments.reporting.finished_suite import (
-    MOTIONS,
-    FinishedSuite,
-    where_it_stands,
-)
-from experiments.reporting.held_out import (
-    HeldOut,
-)
+from experiments.reporting.finished_suite import MOTIONS, FinishedSuite, where_it_stands
+from experiments.reporting.held_out import HeldOut
 from experiments.statistics import Array
 
 IMPROVING = 0.1

@@ -10,12 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 
 import agents
 from experiments.config.life import EvaluationConfig
-from experiments.config.loading import (
-    load_as,
-    read_mapping,
-    read_yaml,
-    unbuildable_environments,
-)
+from experiments.config.loading import load_as, read_mapping, read_yaml, unbuildable_environments
 from experiments.config.model import Model, distinctly_named, known, one_of
 from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite

@@ -8,16 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from experiments.execution.progress import (
-    KEPT,
-    AtWork,
-    Bar,
-    KeptTimes,
-    Lines,
-    Standing,
-    TimeLeft,
-    in_words,
-)
+from experiments.execution.progress import KEPT, AtWork, Bar, KeptTimes, Lines, Standing, TimeLeft, in_words
 from experiments.reporting.results_file import RESULTS, read_finished
 from tests.experiments.fakes import runs
 
