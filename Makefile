@@ -85,7 +85,7 @@ docs: venv
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
 SUITES := quick learners paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions dock remembering wilder \
 	first-trials bad-observations later-trials re-aimed-table memory first-grasps
-STUDIES := coverage paired_interval priors knowledge insert orientations safe_start
+STUDIES := coverage priors insert orientations safe_start
 ALONE := changes right_actions sensitivity speed training  # they take all cores, or measure time
 
 results: results-suites

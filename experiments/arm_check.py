@@ -21,7 +21,7 @@ from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
 from experiments.config.environment import as_arm
 from experiments.errors import ConfigError
 from experiments.options import Parser
-from experiments.reporting.tables import Table, show
+from experiments.reporting.tables import Table, show, written
 
 WILD_WORLDS = 100
 MOTIONS = 100
@@ -37,13 +37,6 @@ class ArmCheck:
 
     Attributes:
         problems: What keeps it from being used, one line each; complete when all tables have been made.
-
-    Args:
-        arm: The arm.
-        camera_mount: As `gymnasium.make` takes it.
-
-    Raises:
-        ValueError: There is no such mount.
     """
 
     def __init__(self, arm: Arm, camera_mount: str | tuple[str, str]) -> None:
@@ -66,12 +59,7 @@ class ArmCheck:
         yield self._settling()
 
     def picture(self, path: Path) -> None:
-        """Writes the nominal robot at home, and beside it what its cameras see.
-
-        Raises:
-            OSError: The file cannot be written.
-            gymnasium.error.DependencyNotInstalled: OpenGL is missing.
-        """
+        """Writes the nominal robot at home, and beside it what its cameras see."""
         env = self._env(render_mode="rgb_array")
         env.reset(seed=0)
         image: Any = env.render()
@@ -142,11 +130,7 @@ class ArmCheck:
         ]
         rows = [
             ("nominal: gripper at home", "seen" if at_home else "not seen", "seen"),
-            (
-                "nominal: work space in view",
-                f"{share:.0%}".replace("%", " %"),
-                f"{least:.0%}".replace("%", " %"),
-            ),
+            ("nominal: work space in view", written(share, ".0%"), written(least, ".0%")),
             (f"wild: draws in view, of {WILD_WORLDS}", f"{sum(seen)}", "1"),
         ]
         if not at_home or share < least:

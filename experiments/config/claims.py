@@ -47,11 +47,9 @@ class TrialsOf(Model):
     """Trials of an agent: its own, held-out ones, or those at one value of a sweep.
 
     Attributes:
-        agent: Its label.
         scenario: Name of the scenario or sweep.
         trials: First and last of its own trials, from 1.
         motions: Lifetime motions after which held-out trials were made: at the first checkpoint from there.
-        value: Of what the sweep varies.
     """
 
     agent: Name
@@ -75,8 +73,6 @@ class Number(Model):
     """One number of the results.
 
     Attributes:
-        measure: See `Measure`.
-        of: Of which trials.
         than: If given, the number is by how much `of` differs from it, world by world.
         relative: Whether that is told as a share of what it is at `than`.
         look: Seconds that a look takes, for seconds.
@@ -116,8 +112,6 @@ class Criterion(Number):
 
     Attributes:
         null_agent: One without what is claimed, which should fail; a suite refuses a criterion without one.
-        above: It must lie above this.
-        below: It must lie below this.
     """
 
     null_agent: Name | None = None
@@ -147,12 +141,7 @@ class Criterion(Number):
 
 
 class Requirement(Number):
-    """A number that the project asks of itself, whatever its interval.
-
-    Attributes:
-        at_least: The number must be no less.
-        at_most: The number must be no more.
-    """
+    """A number that the project asks of itself, whatever its interval."""
 
     at_least: float | None = Field(None, allow_inf_nan=False)
     at_most: float | None = Field(None, allow_inf_nan=False)
@@ -168,11 +157,8 @@ class Claim(Model):
     """What the paper claims or asks.
 
     Attributes:
-        name: Ours.
         kind: A question is what the paper leaves open; its words are the answer that it suggests.
         section: Of the paper, where it is of the paper.
-        words: The claim in our words.
-        criteria: It is confirmed where all of them are.
         remark: What they do not show.
     """
 

@@ -29,12 +29,7 @@ DIGEST = "digest"
 def as_arm(given: Mapping[str, Any]) -> Arm:
     """The arm that a mapping means: the arguments of `Arm`, and `home_degrees`.
 
-    Args:
-        given: As `Arm` takes it. `home_degrees` maps hinges to degrees; it is put over a mapping `home`.
-
-    Raises:
-        ValueError: As `Arm` raises, or `home_degrees` is no mapping of hinges to numbers, or stands beside a
-            keyframe.
+    These are of hinges, and are put over a mapping `home`.
     """
     arguments = dict(given)
     degrees = arguments.pop("home_degrees", None)
@@ -60,11 +55,7 @@ def is_told(arm: str | Mapping[str, Any]) -> bool:
 
 
 def as_told(arm: Mapping[str, Any]) -> dict[str, Any]:
-    """What results say of an arm: its model's name and digest, and its arguments; no file and no folder.
-
-    Args:
-        arm: What `Arm.to_dict` or this returned.
-    """
+    """What results say of an arm: its model's name and digest, and its arguments; no file and no folder."""
     if is_told(arm):
         return dict(arm)
     made = Arm.from_dict(arm)
@@ -181,10 +172,8 @@ class EnvironmentConfig(Model):
     @property
     def privileged(self) -> tuple[str, ...]:
         """All that its argument `tell` can add."""
-        task = import_module(
-            f"calfree_gym.tasks.{'dock' if self.task == 'dock' else 'reach'}"
-        )  # needs MuJoCo 3.17
-        return tuple(task.PRIVILEGED)
+        task = "dock" if self.task == "dock" else "reach"
+        return tuple(import_module(f"calfree_gym.tasks.{task}").PRIVILEGED)  # needs MuJoCo 3.17
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
@@ -195,11 +184,7 @@ class EnvironmentConfig(Model):
     def make_rows(
         self, rows: int, world: calfree_gym.World, tell: tuple[str, ...] = ()
     ) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
-        """Builds a batched environment in one world, whose next trials begin when they are told to.
-
-        Raises:
-            ValueError: Every trial is to be in a new world.
-        """
+        """Builds a batched environment in one world, whose next trials begin when they are told to."""
         arguments = {**self._arguments(tell), "world": world}
         return gymnasium.make_vec(self.id, num_envs=rows, autoreset_mode="Disabled", **arguments)
 

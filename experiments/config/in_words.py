@@ -120,12 +120,7 @@ def axis_in_words(sweep: SweepConfig) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Knock:
-    """A change of the world at one place of a lifetime.
-
-    Attributes:
-        trial: Before which trial, where the schedule says so.
-        words: What changed.
-    """
+    """A change of the world at one place of a lifetime: before which trial, where that is known, and what."""
 
     trial: int | None
     words: str

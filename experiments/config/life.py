@@ -24,14 +24,9 @@ def shares(schedule: Sequence[dict[str, Any]]) -> Iterator[tuple[int, Any]]:
 def with_shares_as_motions(
     schedule: Sequence[dict[str, Any]], motions: int | None
 ) -> tuple[dict[str, Any], ...]:
-    """A schedule in which `at: {share: 0.5}` is the motion that it means.
+    """A schedule in which `at: {share: 0.5}` is the motion that it means, of a life that has so many.
 
-    Args:
-        schedule: See `parse_schedule`, and shares.
-        motions: Of the life; None where it is counted in trials.
-
-    Raises:
-        ValueError: A share is no number between 0 and 1, or the life is counted in trials.
+    Of a life that is counted in trials `motions` is None.
     """
     found = list(schedule)
     for i, share in shares(schedule):
@@ -50,15 +45,9 @@ def with_shares_as_motions(
 def check_reached(
     schedule: Sequence[dict[str, Any]], lengths: Mapping[str, int | None], of: str = ""
 ) -> None:
-    """Raises where an event of a schedule is never reached, or the schedule is wrong.
+    """Raises ValueError where lives of these lengths, by clock, never reach an event.
 
-    Args:
-        schedule: See `parse_schedule`.
-        lengths: Of a lifetime, by clock; None where it has none.
-        of: What has these lengths, for the message.
-
-    Raises:
-        ValueError: Names the event.
+    `of` says whose lengths they are.
     """
     for i, event in enumerate(parse_schedule(list(schedule))):
         clock, length = event.clock, lengths.get(event.clock)

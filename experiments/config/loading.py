@@ -19,13 +19,8 @@ from experiments.errors import ConfigError
 def with_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
     """A configuration's plain values with some of them replaced.
 
-    Args:
-        data: As read from YAML.
-        overrides: Such as "worlds=2" or "scenarios.0.motions=200": the path as errors spell it, and a value
-            as it would stand in YAML.
-
-    Raises:
-        ConfigError: An override is no key=value, its value no YAML, or its path leads nowhere.
+    Overrides are such as "worlds=2" or "scenarios.0.motions=200": the path as errors spell it, and a value as
+    it would stand in YAML.
     """
     for override in overrides:
         path, equals, text = override.partition("=")
@@ -92,13 +87,8 @@ _EXTENDS = "extends"
 def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
     """Reads and validates a suite; every environment, and every agent in it, is built once.
 
-    Args:
-        path: A YAML file. An agent's `settings`, and `claims`, may name a YAML file, relative to this one;
-            `extends` names one beside it, whose keys it takes where it has none of its own.
-        overrides: Values to put in place of those in the file, such as "worlds=2".
-
-    Raises:
-        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
+    An agent's `settings`, and `claims`, may name a YAML file, relative to this one; `extends` names one
+    beside it, whose keys it takes where it has none of its own. Overrides are such as "worlds=2".
     """
     return load_as(Suite, path, overrides, _unbuildable)
 
@@ -137,11 +127,7 @@ def _check_kind(model: type[BaseModel], path: Path) -> None:
 
 
 def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The plain values in a YAML file, over those of the file that it extends; `above` extend this one.
-
-    Raises:
-        ConfigError: A file cannot be read, holds no mapping, or extends itself in the end.
-    """
+    """The plain values in a YAML file, over those of the file that it extends; `above` extend this one."""
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
@@ -158,11 +144,7 @@ def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> Any:
-    """The plain values in a YAML file.
-
-    Raises:
-        ConfigError: The file cannot be read, is no YAML, or has a key twice or an unclear number.
-    """
+    """The plain values in a YAML file."""
     try:
         return read(path.read_text(encoding="utf-8"))
     except UnclearNumberError as error:

@@ -36,11 +36,7 @@ class Model(BaseModel):
 
 
 def one_of(found: str, allowed: tuple[str, ...]) -> str:
-    """What was found, if it is allowed.
-
-    Raises:
-        ValueError: It is not; with near misses and all that is allowed.
-    """
+    """What was found; raises ValueError, with near misses and all that is allowed, where it is not."""
     if found in allowed:
         return found
     raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")

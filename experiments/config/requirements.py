@@ -52,16 +52,8 @@ def unfit_life(
 ) -> dict[str, str]:
     """What a scenario, with its events and checkpoints, asks in vain of an agent whose arms move together.
 
-    Of such arms, short trials end first: the first trials to end would be no fair sample.
-
-    Args:
-        scenario: The environment and the schedule, its shares as they were written.
-        agent: Whose life it is.
-        evaluation: When it is evaluated, if ever; `per_decade` is rounded, and always fits.
-        rows: How many arms.
-
-    Returns:
-        What is wrong, by the key below the scenario, with the nearest numbers that are allowed.
+    Of such arms, short trials end first: the first trials to end would be no fair sample. By the key below
+    the scenario, with the nearest numbers that are allowed; `per_decade` is rounded, and always fits.
     """
     motions = scenario.motions_of(agent)
     if motions is None:

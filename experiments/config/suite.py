@@ -402,11 +402,7 @@ def _check_events(
 def _check_lives(
     agents: Sequence[AgentConfig], scenarios: Sequence[ScenarioConfig], evaluation: EvaluationConfig | None
 ) -> None:
-    """Raises where a life of its own leads an agent nowhere, or a checkpoint is after all lives.
-
-    Raises:
-        ValueError: Names the agent or the checkpoint.
-    """
+    """Raises where a life of its own leads an agent nowhere, or a checkpoint is after all lives."""
     longest = {each.name: each.most_motions for each in scenarios if each.agents is None}
     for i, agent in enumerate(agents):
         mine = [each for each in scenarios if each.agents is None or agent.label in each.agents]

@@ -101,11 +101,7 @@ def command_of(options: argparse.Namespace) -> str:
 
 
 def machines_of(options: argparse.Namespace) -> Machines:
-    """The machines that the user asks for.
-
-    Raises:
-        ConfigError: They cannot be reached, or a package for them is missing.
-    """
+    """The machines that the user asks for."""
     if not options.cluster:
         return ThisMachine(options.jobs)
     try:

@@ -23,13 +23,6 @@ class DaskCluster:
 
     Dask itself hands a run whose worker was killed to another worker, three times (`allowed-failures` of the
     scheduler), before the worker counts as lost.
-
-    Args:
-        address: Of the scheduler, such as `tcp://head:8786`.
-        patience: Seconds without any worker after which the cluster counts as gone.
-
-    Raises:
-        ConfigError: No scheduler answers there.
     """
 
     def __init__(self, address: str, patience: float):

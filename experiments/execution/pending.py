@@ -140,15 +140,7 @@ def clear(out: Path) -> None:
 
 
 def make(pending: str) -> int:
-    """Lets a worker of this machine make a pending run.
-
-    Returns:
-        An exit code, see `Machines.ended`.
-
-    Raises:
-        ConfigError: This machine does not see the folder.
-        OSError: The folder cannot be written.
-    """
+    """Lets a worker of this machine make a pending run; returns an exit code, see `Machines.ended`."""
     if is_done(target_of(Path(pending))):
         return 0
     if not Path(pending).is_dir():
@@ -220,10 +212,6 @@ class Machines(Protocol):
             The pending run of each worker that has ended since, and its exit code: 0 where the run is in its
             place, above 0 where it failed, below 0 where the worker was lost: killed by that signal, or gone
             with its machine (`LOST`).
-
-        Raises:
-            ConfigError: The machines cannot be reached any more, or do not see the folder.
-            OSError: The folder cannot be written.
         """
 
     def close(self) -> None:
@@ -231,11 +219,7 @@ class Machines(Protocol):
 
 
 class ThisMachine:
-    """See `Machines`.
-
-    Args:
-        jobs: How many runs to make at a time.
-    """
+    """See `Machines`; so many runs are made at a time."""
 
     def __init__(self, jobs: int):
         self._pool = ThreadPoolExecutor(jobs)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.execution.expected import KeptTimes
 from experiments.execution.pending import (
     Machines,
     begin,
@@ -21,7 +20,7 @@ from experiments.execution.pending import (
     withdraw,
     write_pending,
 )
-from experiments.execution.progress import AtWork, Display, Standing, TimeLeft, in_words, made_in
+from experiments.execution.progress import AtWork, Display, KeptTimes, Standing, TimeLeft, in_words, made_in
 from experiments.running.results_folder import (
     FAILED,
     LOG,
@@ -50,10 +49,6 @@ class Runner:
     """Carries out the runs of one suite into one folder.
 
     Args:
-        suite: What to run.
-        out: The folder.
-        machines: Where the runs are made.
-        display: Shows what happens.
         retries: How many times a run is made again whose worker was lost; one that failed is not.
         fail_fast: Whether the first failed run stops the others.
         at_once: How many runs the machines make at a time, where that is known.
@@ -72,18 +67,9 @@ class Runner:
         self._losses: Counter[Path] = Counter()
 
     def run(self, command: str) -> list[str]:
-        """Makes all runs that are not finished yet.
+        """Makes all runs that are not finished yet; returns those that failed, or that a failed one stopped.
 
-        Args:
-            command: What the user typed, for the report.
-
-        Returns:
-            The ids of the runs that failed, or that a failed one stopped.
-
-        Raises:
-            ConfigError: The folder cannot be made, another runner is at work in it, results of other code or
-                of another configuration are there, or the machines went away; what has finished stays.
-            OSError: The folder cannot be written; what has finished stays.
+        The report names the command that the user typed.
         """
         runs = runs_of(self.suite)
         with locked(made_folder(self.out)), closing(self.machines):

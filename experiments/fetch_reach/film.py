@@ -17,7 +17,6 @@ from PIL import ImageDraw, ImageFont
 import agents
 from calfree_gym import Perturb
 from experiments.errors import ConfigError
-from experiments.fetch_reach.calibrated import Calibrated
 from experiments.fetch_reach.environment import (
     CAMERA,
     GRIPPER,
@@ -28,6 +27,7 @@ from experiments.fetch_reach.environment import (
     fetch,
     points_of,
 )
+from experiments.fetch_reach.policies import Calibrated
 from experiments.options import Parser
 from experiments.running.results_folder import made_folder
 

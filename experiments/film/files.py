@@ -25,15 +25,8 @@ _OF_SCENES = 255 - len(COLOURS)
 class FilmFiles:
     """Writes film.mp4, film.gif and film.png in a folder; used in a `with` block, after which they are there.
 
-    Where the block fails nothing is left.
-
-    Args:
-        folder: Is made, where it is missing.
-        width: Of a frame, in pixels.
-        height: Of a frame, in pixels.
-        frames_per_second: Of the MP4.
-        gif_width: In pixels.
-        gif_frames_per_second: At most as many.
+    Where the block fails nothing is left. Sizes are in pixels; the GIF has no more frames a second than the
+    MP4.
     """
 
     def __init__(
@@ -59,11 +52,7 @@ class FilmFiles:
         return self.frames / self._rate
 
     def __enter__(self) -> Self:
-        """Begins the MP4.
-
-        Raises:
-            ConfigError: OpenCV cannot write MP4 here.
-        """
+        """Begins the MP4."""
         self.mp4.parent.mkdir(parents=True, exist_ok=True)
         codec = cv2.VideoWriter.fourcc(*CODEC)
         self._writer = cv2.VideoWriter(str(_partial(self.mp4)), codec, float(self._rate), self._size)
@@ -92,11 +81,7 @@ class FilmFiles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Finishes all files, or leaves none.
-
-        Raises:
-            ConfigError: There is no frame, or the MP4 is not whole.
-        """
+        """Finishes all files, or leaves none."""
         try:
             self._writer.release()
             if kind is None:

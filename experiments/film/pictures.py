@@ -39,13 +39,7 @@ COLOURS = (
 
 
 class Trial(NamedTuple):
-    """A bar.
-
-    Attributes:
-        motions: Made so far.
-        success: Whether its task was done; None while it lasts.
-        knocked: Whether the world was changed at its beginning or in it.
-    """
+    """A bar: motions so far, whether it was a success (None: it lasts), whether the world was changed."""
 
     motions: int = 0
     success: bool | None = None
@@ -56,10 +50,6 @@ class ScreenWords(NamedTuple):
     """What a picture says.
 
     Attributes:
-        caption: Below.
-        good: Whether that is good news.
-        announced: Across the scene; nothing, if empty.
-        unit: What a trial is called.
         marks: What is marked in magenta, and what in green.
         trials: All so far, also those that were not shown.
         expected: Whether the agent has expected anything so far.
@@ -75,13 +65,7 @@ class ScreenWords(NamedTuple):
 
 
 class Lettering:
-    """Writes on pictures of one size, and on a band below.
-
-    Args:
-        width: Of a picture, in pixels.
-        scene: Of its scene, likewise.
-        band: Height of the band, likewise.
-    """
+    """Writes on pictures of one width, and on a band below, under a scene that is narrower; all in pixels."""
 
     def __init__(self, width: int, scene: int, band: int) -> None:
         self._width, self._scene, self._band = width, scene, band
@@ -198,16 +182,9 @@ NO_ALARM = Alarm()
 
 
 class Screen:
-    """Draws one robot.
+    """Draws one robot, whose environment is unwrapped, in pictures so wide and (even) so high.
 
-    Args:
-        env: Its environment, unwrapped.
-        width: Of a picture, in pixels.
-        height: Of a picture, in pixels; even.
-        sensors: Whether camera images have the light, the blur, exposure and noise by which agents see.
-
-    Raises:
-        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    With `sensors`, camera images have the light, the blur, exposure and noise by which agents see.
     """
 
     def __init__(self, env: Any, width: int, height: int, sensors: bool) -> None:
@@ -217,13 +194,7 @@ class Screen:
         self._font, self._stroke = font(height / 28), max(1, height // 300)
 
     def draw(self, configuration: Array | None, marks: Markings | None, alarm: Alarm = NO_ALARM) -> Image:
-        """A picture (height, width, 3).
-
-        Args:
-            configuration: All that moves (q,), where it is to be other than now.
-            marks: What is marked in the images, if anything.
-            alarm: What has just happened to a camera, if anything.
-        """
+        """A picture (height, width, 3): of all that moves (q,) where it is to be, or as it is now."""
         scene, *images = self._frame.views(0, configuration)
         world = self._arms.world(0)
         for camera, name in enumerate(self._arms.robot.cameras):
@@ -265,12 +236,7 @@ def _alarmed(image: Image, flash: bool) -> Image:
 
 
 def draw_crosses(image: Image, points: Array) -> None:
-    """Draws a cross at the gripper and object points (2, 2), but where they are NaN.
-
-    Args:
-        image: A camera's (size, size, 3); it is drawn on.
-        points: In image units.
-    """
+    """Draws crosses on an image at gripper and object (2, 2), in image units, but where they are NaN."""
     size = len(image)
     half = max(2, round(_CROSS * size / IMAGE_SIZE))
     for point, colour in zip(points, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
@@ -293,13 +259,9 @@ _GAP, _BELOW = 12, 44
 
 
 class Moment(NamedTuple):
-    """What may be shown.
+    """What may be shown: a picture `WIDTH` wide, and what is said of it.
 
-    Attributes:
-        picture: `WIDTH` wide (height, width, 3).
-        words: Said of it.
-        turn: Whether a trial ended, or the world was changed; else the agent just looks.
-        change: Whether the world was changed.
+    A turn is where a trial ended, or the world was changed; else the agent just looks.
     """
 
     picture: Image
@@ -327,11 +289,7 @@ def chosen(moments: Sequence[Moment]) -> list[Moment]:
 
 
 def frame_strip(moments: Sequence[Moment]) -> Image:
-    """Moments of one size side by side (height, width, 3), on white.
-
-    Raises:
-        ValueError: There is none.
-    """
+    """Moments of one size side by side (height, width, 3), on white."""
     if not moments:
         raise ValueError("a strip of no moments")
     height, step = len(moments[0].picture), WIDTH + _GAP

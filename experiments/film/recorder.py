@@ -21,15 +21,7 @@ MM = 1000.0
 
 
 class TrialStatus(NamedTuple):
-    """Where a trial is.
-
-    Attributes:
-        trial: From 1.
-        motions: Made in it.
-        info: What `calfree_gym` tells of the last motion.
-        success: Whether the task is done.
-        over: Whether it has ended.
-    """
+    """Where a trial is: its number, its motions, what `calfree_gym` told of the last one, how it stands."""
 
     trial: int
     motions: int
@@ -44,14 +36,7 @@ class TrialStatus(NamedTuple):
 
 
 class TaskInWords(NamedTuple):
-    """What an agent is to do, in words.
-
-    Attributes:
-        told_by: What only its truth tells; nothing, of reaching.
-        trial: What a trial is.
-        done: What has happened where the trial was a success.
-        marks: What is marked in magenta, and what in green.
-    """
+    """What an agent is to do, in words: what only its truth tells; a trial; what was done; what is marked."""
 
     told_by: str
     trial: str
@@ -120,15 +105,6 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     Attributes:
         predicted: Tells where the agent expects image points (4, 2) at registers (m,), or None; asked after a
             motion and before the agent gets to know what was seen.
-
-    Args:
-        env: The environment.
-        screen: Draws.
-        write: Writes words on a picture.
-        film: Takes pictures.
-        frames_per_second: Of the film.
-        agent: Its name, for the caption.
-        first_trial: From 1.
     """
 
     def __init__(

@@ -15,33 +15,37 @@ from matplotlib.figure import Figure
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import HINGE_SPEED
 from experiments.config.environment import EnvironmentConfig, as_told
-from experiments.config.in_words import Knock, again_and_again, knocks
-from experiments.config.suite import AgentConfig, ScenarioConfig
+from experiments.config.in_words import again_and_again, knocks
+from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import robot_seconds_at
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
 from experiments.reporting.figures import (
     DARK_GREY,
     STYLE,
-    Line,
     LineEnd,
     draw_worlds,
     drawn_in_words,
+    in_words,
     label_lines,
+    lines_of,
     marks,
     motions_axis,
     save,
     say,
 )
 from experiments.reporting.finished_suite import (
+    HOW_FAR,
     MOTIONS,
     RENDEZVOUS,
     SECONDS,
     SUCCESS,
     SUCCESS_IN_WORDS,
+    Distances,
     FinishedSuite,
     about,
     about_environment,
+    distance_rows,
+    distance_tables,
+    distances,
     few_worlds,
     where_it_stands,
     with_cost,
@@ -77,13 +81,7 @@ def seconds_at(look: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """One measure of one agent in blocks of trials, over its runs.
-
-    Attributes:
-        edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
-        runs: The measure's mean over each block, in the run of each world (worlds, blocks).
-        shares: Whether it is a share of trials.
-    """
+    """A measure of one agent: means of blocks (worlds, blocks) of trials, between `edges` (blocks + 1,)."""
 
     edges: Array
     runs: Array
@@ -96,13 +94,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class OwnTrials:
-    """The agents' own trials in a scenario.
-
-    Attributes:
-        scenario: Whose they are.
-        rows: The trials, of the rows of `with_cost`, with a column of `seconds_at` for each of LOOKS.
-        worlds: By an agent's label, in the suite's order, how many runs there should be.
-    """
+    """The agents' own trials in a scenario: rows of `with_seconds`, and how many runs each label has."""
 
     scenario: ScenarioConfig
     rows: pd.DataFrame
@@ -114,15 +106,10 @@ class OwnTrials:
         return self.scenario.env.max_episode_steps
 
     def blocks(self, agent: str, measure: str, edges: Array) -> Blocks:
-        """A measure's means over blocks of an agent's trials.
+        """A measure's means over blocks of an agent's trials, between edges that `edges_of` returned.
 
         Runs without any row failed, and are worst throughout: no success, `cap` motions, and the seconds of
         `cap` motions of a full turn.
-
-        Args:
-            agent: The agent's label.
-            measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
-            edges: What `edges_of` returned.
         """
         worst = {SUCCESS: 0.0, RENDEZVOUS: 0.0, MOTIONS: float(self.cap)}
         worst |= {seconds_at(look): slowest_seconds(self.cap, look) for look in LOOKS}
@@ -212,12 +199,12 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
                 summary += distance_rows(name, "by_trial", label, block, how_far)
     of_distances = distance_tables(name, scenario.env, ["trials", "agent"], far)
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
-    columns = ["trials", "agent", "motions per reach", band, "rendezvous"]
+    columns, folder = ["trials", "agent", "motions per reach", band, "rendezvous"], finished.out / "figures"
     with_intervals = ["trials", "agent", "motions per reach", "rendezvous", "success"]
     return Section(
         title=f"{name}: trial by trial",
         text=about(finished, scenario),
-        figures={f"{name}-trials": save(_figure(finished, own), finished.out / "figures", f"{name}-trials")},
+        figures={f"{name}-trials": save(trial_picture(finished, own), folder, f"{name}-trials")},
         tables=(
             Table.of(f"{name}-trials", f"{name}, trial by trial", columns, shown),
             Table.of(f"{name}-trials-intervals", f"{name}, with intervals", with_intervals, intervals),
@@ -228,58 +215,38 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
     )
 
 
-def _figure(finished: FinishedSuite, own: OwnTrials) -> Figure:
+def trial_picture(finished: FinishedSuite, own: OwnTrials) -> Figure:
+    """Motions per reach, every block of trials of the same width; knocks are marked where they fall."""
     scenario, lines = own.scenario, lines_of(finished.suite.agents)
     agents, met, edges = finished.suite.agents_in(scenario), knocks(scenario) or (), edges_of(scenario, FINE)
-    curves = [(each, own.blocks(each.label, MOTIONS, edges), lines[each.label]) for each in agents]
-    title = f"Motions per reach (a failure counts as {own.cap})"
     always = [again_and_again(scenario), *(knock.words for knock in met if not knock.trial)]
-    said = f"{_where(own)} {drawn_in_words(min(own.worlds.values()), len(agents))}"
-    return trial_curves("\n".join([title, *filter(None, always)]), curves, own.cap, met, said)
-
-
-def _where(own: OwnTrials) -> str:
-    return where_it_stands(own.scenario, "The agents' own trials", own.worlds.values())
-
-
-def trial_curves(
-    title: str,
-    curves: Sequence[tuple[AgentConfig, Blocks, Line]],
-    cap: int,
-    knocks: Sequence[Knock],
-    said: str,
-) -> Figure:
-    """Motions per reach; every block of trials has the same width.
-
-    Args:
-        title: Stands above.
-        curves: Of each agent, with its line.
-        cap: Motions after which a trial has failed.
-        knocks: Marked where they fall, between trials, where that is known.
-        said: Stands below the panel.
-    """
-    edges = curves[0][1].edges
+    title = "\n".join([f"Motions per reach (a failure counts as {own.cap})", *filter(None, always)])
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.6, 4.3), layout="constrained")
-        motions_axis(axes, cap)
+        motions_axis(axes, own.cap)
         place, ends = np.arange(len(edges) - 1) + 0.5, []
-        for agent, blocks, line in curves:
-            draw_worlds(axes, place, blocks.runs, line, len(curves))
-            end = float(np.median(blocks.runs[:, -1]))
+        for agent in agents:
+            line, runs = lines[agent.label], own.blocks(agent.label, MOTIONS, edges).runs
+            draw_worlds(axes, place, runs, line, len(agents))
+            end = float(np.median(runs[:, -1]))
             ends.append(LineEnd(place[-1], end, in_words(agent.label, agent.name), line["color"]))
         names = [span(first, end) for first, end in pairwise(edges)]
         axes.set_xticks(place, names, rotation=60, ha="right", rotation_mode="anchor")
         axes.tick_params(axis="x", labelsize=8)
         axes.set(xlim=(0, len(names)), xlabel="trials")
         above: Any = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 9, "ha": "center"}
-        for knock in knocks:
+        for knock in met:
             if knock.trial:
                 x = float(np.interp(knock.trial, edges, np.arange(len(edges))))
                 axes.axvline(x, color=DARK_GREY, linewidth=1.2)
                 axes.annotate(fill(knock.words, _ROOM), (x, 1), xycoords=("data", "axes fraction"), **above)
-        say(figure, title, said)
+        say(figure, title, f"{_where(own)} {drawn_in_words(min(own.worlds.values()), len(agents))}")
         label_lines(axes, ends, 10)
     return figure
+
+
+def _where(own: OwnTrials) -> str:
+    return where_it_stands(own.scenario, "The agents' own trials", own.worlds.values())
 
 
 # Many arms side by side, in one figure and one table.

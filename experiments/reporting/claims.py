@@ -15,8 +15,8 @@ import pandas as pd
 from experiments.config.claims import EXTREMES, Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.by_trial import seconds_per_reach
-from experiments.reporting.distance import FAR_MM
 from experiments.reporting.finished_suite import (
+    FAR_MM,
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
@@ -86,12 +86,7 @@ _HOW_REQUIRED = (
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The number of a criterion.
-
-    Attributes:
-        estimate: With its 95 % interval over worlds.
-        worlds: How many of them it is of.
-    """
+    """The number of a criterion, with its 95 % interval over so many worlds."""
 
     estimate: Estimate
     worlds: int
@@ -214,14 +209,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class JudgedClaim:
-    """A claim with what its criteria came to.
-
-    Attributes:
-        claim: The claim.
-        found: Each criterion's number; None where there is none.
-        nulls: The same numbers of the null agents.
-        verdicts: Of each criterion.
-    """
+    """A claim with each criterion's number, if there is one, that of its null agent, and its verdict."""
 
     claim: Claim
     found: tuple[Measured | None, ...]

@@ -1,17 +1,18 @@
-"""A suite that was run, and what several parts of the report need of its scenarios."""
+"""A suite that was run, and what several parts of the report need: worlds, rows, how far trials end."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
 from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
-from experiments.reporting.tables import counted, must_know
+from experiments.reporting.pages import SummaryRow, summary_row
+from experiments.reporting.tables import Table, counted, must_know, percent, written
 from experiments.running.run import Run
-from experiments.statistics import ENOUGH_WORLDS
+from experiments.statistics import ENOUGH_WORLDS, Estimate, mean_share
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
 """What is measured in a trial; one without an observed rendezvous counts as the cap in motions per reach."""
@@ -23,9 +24,7 @@ class FinishedSuite:
 
     Attributes:
         out: Where its report stands.
-        suite: What was run.
         command: What makes it, in any folder and on any number of processes.
-        runs: All runs of the suite.
         outcomes: What the finished ones say about themselves, by their ids.
         failures: The last lines that failed ones printed, by their ids.
         versions: The commit, and what else made the finished ones; several versions where they differ.
@@ -47,6 +46,13 @@ class FinishedSuite:
     def unfinished(self) -> list[Run]:
         """Runs that failed, or were never finished."""
         return [run for run in self.runs if run.id not in self.outcomes]
+
+    @property
+    def head_part(self) -> ScenarioConfig | SweepConfig:
+        """What its head is about: its first scenario with a change and held-out trials, if any."""
+        held_out = [each for each in self.suite.scenarios if self.suite.evaluation_of(each)]
+        changed = [each for each in held_out if each.perturbations]
+        return (*changed, *held_out, *self.suite.parts)[0]
 
     def runs_of(self, agent: AgentConfig) -> list[str]:
         """The ids of the finished runs of an agent."""
@@ -130,13 +136,64 @@ _SAID = {"id", "world", "arm", "base", "camera_mount", "tolerance_px", "dynamics
 
 
 def where_it_stands(part: ScenarioConfig | SweepConfig, trials: str, worlds: Collection[int]) -> str:
-    """What stands below a figure before its lines are explained: its trials, worlds and tolerance.
-
-    Args:
-        part: What the figure is of.
-        trials: Which trials it shows.
-        worlds: How many each agent is in.
-    """
+    """What stands below a figure before its lines are explained: trials, in how many worlds, tolerance."""
     fewest, most = min(worlds), max(worlds)
     amount = counted(most, "world") if fewest == most else f"{fewest} to {counted(most, 'world')}"
     return f"{trials}, in {amount}; tolerance: {part.env.tolerance_px:g} px of 512."
+
+
+FAR_MM = 10
+"""A trial that ends farther off is far. Choice: what a gripper that opens by some centimetres forgives."""
+HOW_FAR = (
+    " How far in the world: the true distance of gripper and object at the end of a trial, whether a "
+    "rendezvous was observed or not. Half of the trials end within the median, 95 % within the next number; "
+    f"the share that ends more than {FAR_MM} mm off is a mean over worlds with its 95 % interval. A run that "
+    "did not finish has none."
+)
+
+
+class Distances(NamedTuple):
+    """True distances at the end of trials, in mm.
+
+    Attributes:
+        median, most: Within which half, and 95 %, of all trials end: these have no interval.
+        far: The share of trials that end more than `FAR_MM` off, mean over worlds.
+        worlds: How many.
+    """
+
+    median: float
+    most: float
+    far: Estimate
+    worlds: int
+
+
+def distances(trials: pd.DataFrame) -> Distances:
+    """Those of at least one trial, rows of results."""
+    found = trials["distance_mm"]
+    far = (found > FAR_MM).groupby(trials["world"]).mean().to_numpy(float)
+    return Distances(float(found.median()), float(found.quantile(0.95)), mean_share(far), len(far))
+
+
+def distance_tables(
+    name: str,
+    env: EnvironmentConfig,
+    columns: Sequence[str],
+    found: Iterable[tuple[Sequence[str], Distances]],
+) -> tuple[Table, ...]:
+    """One table of a scenario or sweep where its task is to reach; none of other tasks."""
+    if env.task != "reach":
+        return ()
+    rows = [
+        [*names, written(each.median, ".1f"), written(each.most, ".1f"), percent(each.far, 1)]
+        for names, each in found
+    ]
+    columns = [*columns, "median (mm)", "95 % within (mm)", f"above {FAR_MM} mm"]
+    return (Table.of(f"{name}-distance", f"{name}, how far in the world", columns, rows),)
+
+
+def distance_rows(scenario: str, table: str, agent: str, moment: str, found: Distances) -> list[SummaryRow]:
+    """Rows of the report's summary; see `summary_row`."""
+    measured = (("distance_mm", found.median), ("distance_mm_95", found.most), ("far", found.far))
+    return [
+        summary_row(scenario, table, agent, moment, measure, each, found.worlds) for measure, each in measured
+    ]

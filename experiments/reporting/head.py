@@ -11,8 +11,8 @@ import pandas as pd
 
 from experiments.config.in_words import knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
-from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
+from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite
 from experiments.reporting.held_out import (
     AFTER,
@@ -58,14 +58,6 @@ _Cells = dict[str, dict[str, str]]
 """By the agent's label and the column."""
 
 
-def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
-    """What the head of a suite is about: its first scenario with a change and held-out trials, if any."""
-    suite = finished.suite
-    held_out = [each for each in suite.scenarios if suite.evaluation_of(each)]
-    changed = [each for each in held_out if each.perturbations]
-    return (*changed, *held_out, *suite.parts)[0]
-
-
 def table_of(
     finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | OwnTrials | Swept
 ) -> Table:
@@ -73,11 +65,6 @@ def table_of(
 
     With held-out trials: motions per reach before and right after the first change, or at the end where there
     is none, and the motions lived before it reaches. Else the first and the last trials, or values.
-
-    Args:
-        finished: The suite.
-        part: What the table is of.
-        come_to: What the part has come to.
     """
     if isinstance(come_to, HeldOut):
         found, note = _of_held_out(come_to)

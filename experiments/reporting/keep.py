@@ -12,8 +12,7 @@ from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.kept_tables import read_kept, write_page
 from experiments.reporting.pages import MARKDOWN, PAGE
 from experiments.reporting.report import FILMS, write_report
-from experiments.reporting.results_file import read_finished
-from experiments.running.finished import RESULTS, TIMES
+from experiments.reporting.results_file import RESULTS, TIMES, read_finished
 from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 256
@@ -21,14 +20,7 @@ COLOURS = 256
 
 
 def keep(out: Path, kept: Path) -> Path:
-    """Copies the numbers of a finished suite, and makes its report of them.
-
-    Args:
-        out: The results folder of the suite.
-        kept: Holds the folders of kept results; that of the suite is replaced.
-
-    Returns:
-        The suite's folder there.
+    """Copies the numbers of a finished suite, and makes its report of them; returns its kept folder.
 
     Raises:
         ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
@@ -97,19 +89,7 @@ def _refuse_no_commit(whose: str, found: str) -> None:
 
 
 def keep_benchmark(measured: Path, kept: Path) -> Path:
-    """Copies what `python -m experiments benchmark --out` measured and drew, and writes its page.
-
-    Args:
-        measured: The file NAME.json; a figure is NAME.png beside it.
-        kept: Holds the folders of kept results; the file goes to that of its name.
-
-    Returns:
-        The folder.
-
-    Raises:
-        ConfigError: There is no such file, it is damaged, no commit has the code that made it, or a suite is
-            kept under its name.
-    """
+    """Copies NAME.json and NAME.png, which `benchmark --out` wrote, and writes a page; returns the folder."""
     if not measured.is_file():
         raise ConfigError(f"{measured}: there is no such file")
     _refuse_no_commit(f"{measured} was made by", read_kept(measured)[2])

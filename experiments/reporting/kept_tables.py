@@ -25,8 +25,8 @@ from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.pages import tables_markdown
+from experiments.reporting.results_file import TIMES, read_times
 from experiments.reporting.tables import Table, must_know
-from experiments.running.finished import TIMES, read_times
 from experiments.running.results_folder import write_whole
 from experiments.running.versions import REPOSITORY
 
@@ -119,11 +119,7 @@ def _chosen(table: Table, columns: str, without: str) -> Table:
 
 
 def read_kept(path: Path) -> tuple[list[Table], list[Table], str]:
-    """The tables in a kept file, the details among them, and the commit that made it.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """The tables in a kept file, the details among them, and the commit that made it."""
     try:
         kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables, details = (
@@ -144,15 +140,7 @@ def pages() -> list[Path]:
 
 
 def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, str]:
-    """The pages that differ from what the code makes, and what they should be.
-
-    Args:
-        paths: The pages.
-        table: From a marker's name to the Markdown of its table.
-
-    Raises:
-        ConfigError: A marker is not closed, or there is no table of its name; says where.
-    """
+    """The pages that differ from what the code makes of the tables they name, and what they should be."""
     found = {}
     for path in paths:
         text = path.read_text(encoding="utf-8")
@@ -183,11 +171,7 @@ def _filled(path: Path, text: str, table: Callable[[str], str]) -> str:
 
 
 def write_page(measured: Path, page: Path) -> None:
-    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read."""
     tables, _, commit = read_kept(measured)
     parts = [f"# {measured.parent.name}", f"Code of commit {commit}."]
     if (figure := measured.with_suffix(".png")).exists():

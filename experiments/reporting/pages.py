@@ -20,11 +20,7 @@ SummaryRow = dict[str, Any]
 class Drawing:
     """A figure in pieces, which stand side by side where there is room, and else below each other.
 
-    Attributes:
-        title: Stands above.
-        panels: SVG texts, from left to right.
-        legend: An SVG text of each line or marker, and what it is.
-        said: How to read the figure.
+    Panels are SVG texts, from left to right; the legend has one of each line or marker, and what it is.
     """
 
     title: str
@@ -38,12 +34,8 @@ class Section:
     """A part of a page.
 
     Attributes:
-        title: Heads it.
-        text: Stands below the title.
         figures: By the names of their files.
         tables: Stand below the figures, each under its title where there are several.
-        note: How to read figures and tables.
-        code: Stands at the end.
         alarming: Whether the reader must see it first.
         summary: The numbers of the tables and their intervals, one a row; see `report.write_report`.
     """
@@ -63,10 +55,7 @@ class Head:
     """What a page says in a minute.
 
     Attributes:
-        title: Names the suite.
-        question: What it asks.
         figures: The one picture, by the name of its file.
-        table: The one table.
         said: What the comparison comes to, in sentences.
         film: A GIF or PNG of an agent at work.
     """
@@ -82,17 +71,10 @@ class Head:
 def summary_row(
     scenario: str, table: str, agent: str, moment: str, measure: str, found: Estimate | float | None, n: int
 ) -> SummaryRow:
-    """A number of the report with its interval, if it has one.
+    """A number of the report with its interval, if it has one; None where there is no number.
 
-    Args:
-        scenario: Name of the scenario or sweep.
-        table: Which of the report's tables: "held_out", "checkpoints", "profile", "threshold", "comparison",
-            "by_trial", "by_arm", "sweep" or "claims".
-        agent: The agent's label.
-        moment: When: "before", trials "1–25", or the value of what a sweep varies.
-        measure: What was measured.
-        found: None where there is no number.
-        n: How many trials or worlds the number is of.
+    It stands in one of the report's tables of a scenario or sweep, and is of n trials or worlds. The moment
+    is such as "before", trials "1–25", or the value of what a sweep varies.
     """
     value, low, high = (
         (found.value, found.low, found.high) if isinstance(found, Estimate) else (found, None, None)

@@ -24,11 +24,7 @@ _LIGHTEST, _DARKEST = 0.15, 0.85
 
 
 def draw_table(source: Path, out: Path) -> None:
-    """Draws the table of a saved `grid_table` to the image file `out`.
-
-    Raises:
-        ConfigError: `source` is damaged or no saved grid_table, or matplotlib knows no format like `out`'s.
-    """
+    """Draws the table of a saved `grid_table` to the image file `out`."""
     figure = table_figure(load_table(source))
     try:
         figure.savefig(out, dpi=150)
@@ -39,11 +35,7 @@ def draw_table(source: Path, out: Path) -> None:
 
 
 def load_table(source: Path) -> GridTable:
-    """The table of a saved `grid_table`.
-
-    Raises:
-        ConfigError: `source` is damaged or no saved grid_table.
-    """
+    """The table of a saved `grid_table`."""
     try:
         with np.load(source, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}

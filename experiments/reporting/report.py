@@ -11,14 +11,13 @@ from experiments.reporting.by_trial import OwnTrials, arms_sections, many_arms, 
 from experiments.reporting.claims import claims_section, judge, required_section
 from experiments.reporting.figures import save
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.head import head_part, sentences, table_of
-from experiments.reporting.held_out import HeldOut, held_out
-from experiments.reporting.held_out_section import held_out_sections, learning_picture
-from experiments.reporting.pages import MARKDOWN, PAGE, Head, Section, html_page, markdown_page
-from experiments.reporting.results_file import gather, read_finished
+from experiments.reporting.head import sentences, table_of
+from experiments.reporting.held_out import HeldOut, held_out, held_out_sections
+from experiments.reporting.learning_picture import learning_picture
+from experiments.reporting.pages import MARKDOWN, PAGE, Drawing, Head, Section, html_page, markdown_page
+from experiments.reporting.results_file import TIMES, gather, read_finished
 from experiments.reporting.sweep import Swept, sweep_sections, swept
 from experiments.reporting.tables import NOTHING, Table, show
-from experiments.running.finished import TIMES
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES = "summary.csv", "tables.json"
@@ -27,17 +26,10 @@ FILMS = ("film.gif", "film.png")
 
 
 def report(source: Path, out: Path | None) -> Path:
-    """Prints the one table of a suite, and writes its report.
+    """Prints the one table of a suite, and writes its report; returns the path of the HTML page.
 
-    Args:
-        source: Its results folder, or the results.parquet of one.
-        out: Where the report shall stand, if not beside the results.
-
-    Returns:
-        The path of the HTML page.
-
-    Raises:
-        ConfigError: There are no results, or they are damaged.
+    The source is its results folder, or the results.parquet of one, beside which the report stands if `out`
+    is not given.
     """
     results = gather(source) if source.is_dir() or not source.suffix else source
     return write_report(read_finished(results, out or results.parent), show_head=True)
@@ -46,16 +38,10 @@ def report(source: Path, out: Path | None) -> Path:
 def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     """Writes `report.html`, `report.md`, `tables.json`, `summary.csv` and `figures/` into the suite's folder.
 
-    All are made from the finished runs alone, so they are right also where the suite was interrupted.
-
-    Args:
-        finished: The suite.
-        show_head: Whether to print the one table first.
-
-    Returns:
-        The path of the HTML page.
+    All are made from the finished runs alone, so they are right also where the suite was interrupted. Returns
+    the path of the HTML page.
     """
-    suite, of_head = finished.suite, head_part(finished)
+    suite, of_head = finished.suite, finished.head_part
     held = {each.name: held_out(finished, each) for each in suite.scenarios if suite.evaluation_of(each)}
     own = {each.name: own_trials(finished, each) for each in suite.scenarios if each.trials}
     sweeps = {each.name: swept(finished, each) for each in suite.sweeps}
@@ -83,14 +69,17 @@ def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
 
 
 def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head:
-    """What the report says in a minute: the table of `head_part` and, of held-out trials, more."""
-    figures, said = {}, []
-    if held:
-        name = f"{held.scenario.name}-held-out"
-        figures[name] = save(learning_picture(finished, held), finished.out / "figures", name)
-        said = sentences(finished, held)
+    """What the report says in a minute: the table of its `head_part` and, of held-out trials, more."""
+    figures = _drawn(finished, held) if held else {}
+    said = sentences(finished, held) if held else []
     film = next((path for name in FILMS if (path := finished.out / name).exists()), None)
     return Head(finished.suite.name, finished.suite.question, figures, table, said, film)
+
+
+def _drawn(finished: FinishedSuite, held: HeldOut) -> dict[str, Drawing]:
+    """The figure of held-out trials, by the name of its files."""
+    name = f"{held.scenario.name}-held-out"
+    return {name: save(learning_picture(finished, held), finished.out / "figures", name)}
 
 
 def _comparison(
@@ -106,7 +95,9 @@ def _comparison(
     sections += arms_sections(finished, [*own.values()]) if by_arm else []
     for scenario in finished.suite.scenarios:
         if scenario.name in held:
-            sections += held_out_sections(finished, held[scenario.name])
+            above = scenario == finished.head_part  # which has it in the head
+            figures = {} if above else _drawn(finished, held[scenario.name])
+            sections += held_out_sections(finished, held[scenario.name], figures)
         if scenario.name in own and not by_arm:
             sections.append(trial_section(finished, own[scenario.name]))
     sections += sweep_sections(finished, [*sweeps.values()])

@@ -8,9 +8,12 @@ stays within it, and nothing else comes in. Seconds are rounded to tenths. That 
 differ, and makes the file some ten times smaller.
 """
 
+import base64
 import json
+import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -23,18 +26,6 @@ from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.running.cpu_time import CPU
-from experiments.running.finished import (
-    METADATA,
-    OTHER,
-    RESULTS,
-    TIMED,
-    TIMES,
-    VERSION,
-    opened,
-    packed,
-    read_about,
-    read_times,
-)
 from experiments.running.results_folder import (
     DONE,
     FAILED,
@@ -52,6 +43,60 @@ from experiments.running.results_folder import (
     write_whole,
 )
 from experiments.running.run import LifetimeRun, Run, runs_of
+
+RESULTS, TIMES = "results.parquet", "timings.csv"
+TIMED = ("run", "wall_seconds", "decision", "learning")
+"""Columns of `timings.csv`: seconds of each finished run, one a row."""
+METADATA = "calfree"
+"""Under this key stands, packed, all that a report needs beside the rows."""
+VERSION = 1
+OTHER = "it was made by other code; make its report with that code"
+
+Found = TypeVar("Found")
+
+
+def opened(read: Callable[[Path], Found], results: Path) -> Found:
+    """What `read` reads of a Parquet file."""
+    try:
+        return read(results)
+    except FileNotFoundError:
+        raise ConfigError(f"{results}: there is no such file") from None
+    except (OSError, pa.ArrowException) as error:
+        raise ConfigError(f"{results} is damaged, or no Parquet file: {error}") from None
+
+
+def packed(about: dict[str, Any]) -> str:
+    """Metadata as they are written: Parquet does not compress them."""
+    return base64.b64encode(zlib.compress(json.dumps(about).encode(), 9)).decode()
+
+
+def read_about(results: Path) -> dict[str, Any]:
+    """What a Parquet file says of its suite."""
+    metadata: dict[bytes, bytes] = opened(pq.read_metadata, results).metadata or {}
+    if METADATA.encode() not in metadata:
+        raise ConfigError(f"{results} says nothing of a suite: {OTHER}")
+    try:
+        about: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(metadata[METADATA.encode()])))
+    except (ValueError, zlib.error) as error:
+        raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
+    if (version := about.get("version")) != VERSION:
+        raise ConfigError(f"{results} has form {version}; known is form {VERSION}: {OTHER}")
+    return about
+
+
+def read_times(path: Path) -> pd.DataFrame:
+    """Seconds of finished runs, if they are known."""
+    if not path.exists():
+        return pd.DataFrame(columns=TIMED)
+    try:
+        return pd.read_csv(
+            path, usecols=TIMED, dtype={name: str if name == "run" else float for name in TIMED}
+        )
+    except ValueError as error:
+        raise ConfigError(
+            f"{path} is damaged ({error}): delete it, or make it anew by `report` of the results folder"
+        ) from None
+
 
 SCHEMA = pa.schema(
     [
@@ -86,14 +131,7 @@ _COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
 
 
 def gather(out: Path) -> Path:
-    """Gathers the finished runs of a folder into `results.parquet`, and their times into `timings.csv`.
-
-    Returns:
-        The path of the Parquet file.
-
-    Raises:
-        ConfigError: No suite was run in the folder, or its runs are damaged or of different versions.
-    """
+    """Gathers the finished runs of a folder into `results.parquet`, which is returned, and their times."""
     suite, command = read_suite(out)
     runs = runs_of(suite)
     done = [run for run in runs if is_done(folder_of(out, run.id))]
@@ -120,15 +158,7 @@ def gather(out: Path) -> Path:
 
 
 def read_finished(results: Path, out: Path) -> FinishedSuite:
-    """Reads a Parquet file that `gather` wrote, and the times that stand beside it, if any.
-
-    Args:
-        results: The Parquet file.
-        out: Where the report will stand.
-
-    Raises:
-        ConfigError: There is no such file, it is damaged, or it was made by other code.
-    """
+    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`."""
     about, table = read_about(results), opened(pq.read_table, results)
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")

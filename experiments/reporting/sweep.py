@@ -15,20 +15,34 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from calfree_gym.perturbations import TYPES
 from experiments.config.in_words import axis_in_words
 from experiments.config.suite import AgentConfig, SweepConfig
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
-from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, marks, motions_axis, save, say
+from experiments.reporting.figures import (
+    STYLE,
+    Line,
+    LineEnd,
+    in_words,
+    label_lines,
+    lines_of,
+    marks,
+    motions_axis,
+    save,
+    say,
+)
 from experiments.reporting.finished_suite import (
+    HOW_FAR,
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
+    Distances,
     FinishedSuite,
     about_environment,
+    distance_rows,
+    distance_tables,
+    distances,
     few_worlds,
     where_it_stands,
     with_cost,
 )
-from experiments.reporting.pages import Section, summary_row
+from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
 from experiments.statistics import Estimate, mean_share, median_world
 
@@ -55,12 +69,8 @@ class Point:
     """An agent at one value of a sweep, over the trials in view.
 
     Attributes:
-        value: Of what is varied.
         trials: Those in view; the same for every agent. Where it is 0, no number follows.
-        success: Share of them whose true error at the end is within the tolerance.
-        rendezvous: Share of them that end with an observed rendezvous.
         at_once: Share of them that do so by their first motion.
-        motions: Of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Median of those with a rendezvous; no number where hardly any has one.
         distances: At the end of the trials of a run that finished.
     """
@@ -77,13 +87,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Swept:
-    """The trials of a sweep.
-
-    Attributes:
-        sweep: Whose they are.
-        worlds: By an agent's label, in the suite's order, how many trials there should be at a value.
-        points: By the label, those of its curve.
-    """
+    """The trials of a sweep: how many a label should have at a value, and the points of its curve."""
 
     sweep: SweepConfig
     worlds: dict[str, int]
@@ -97,14 +101,7 @@ def swept(finished: FinishedSuite, sweep: SweepConfig) -> Swept:
 
 
 def points(rows: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
-    """The points of one agent's curves.
-
-    Args:
-        rows: Of all agents, what `with_cost` returned.
-        sweep: What they are about.
-        agent: Its label. A run that failed, without any row, has reached nothing.
-        worlds: How many trials there should be at a value.
-    """
+    """The points of one agent's curves, of the rows of `with_cost`; a failed run has reached nothing."""
     cap = sweep.env.max_episode_steps
     return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
 
@@ -139,7 +136,8 @@ Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 
 def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Section]:
     """Where there are several sweeps, all in one figure; then each with a figure and a table."""
-    lines = lines_of(finished.suite.agents)
+    lines, folder = lines_of(finished.suite.agents), finished.out / "figures"
+    said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     curves: dict[str, Curves] = {
         each.sweep.name: [
             (agent, each.points[agent.label], lines[agent.label])
@@ -147,50 +145,40 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
         ]
         for each in found
     }
-
-    folder = finished.out / "figures"
-    said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     sections = []
     for each, words in zip(found, said, strict=True):
-        name = each.sweep.name
-        figure = sweep_figure(each.sweep, curves[name], words)
-        summary = [
-            summary_row(name, "sweep", label, f"{point.value:g}", measure, measured, point.trials)
-            for label, of_agent in each.points.items()
-            for point in of_agent
-            for measure, measured in (
-                (SUCCESS, point.success),
-                (RENDEZVOUS, point.rendezvous),
-                ("rendezvous_at_once", point.at_once),
-                (MOTIONS, point.motions),
-                ("median_motions", point.among_reached),
-            )
-        ]
-        summary += [
-            row
-            for label, of_agent in each.points.items()
-            for point in of_agent
-            if point.distances
-            for row in distance_rows(name, "sweep", label, f"{point.value:g}", point.distances)
-        ]
-        far = (
-            ([label, f"{at.value:g}"], at.distances) for label, at in _shown(each) if at.distances is not None
-        )
+        name, shown = each.sweep.name, _shown(each)
+        far = [([label, f"{at.value:g}"], at.distances) for label, at in shown if at.distances is not None]
         how_far = distance_tables(name, each.sweep.env, ["agent", each.sweep.vary], far)
+        figure = save(sweep_figure(each.sweep, curves[name], words), folder, name)
         sections.append(
             Section(
                 title=f"Sweep {name}",
                 text=_about(finished, each.sweep),
-                figures={name: save(figure, folder, name)},
-                tables=(_table(each), *how_far),
+                figures={name: figure},
+                tables=(_table(each.sweep, shown), *how_far),
                 note=_HOW_TO_READ + HOW_FAR * len(how_far),
-                summary=summary,
+                summary=[*_summary(each)],
             )
         )
     if len(found) < 2:
         return sections
-    figure = sweeps_figure([each.sweep for each in found], curves, said[0])
-    return [Section(title="All sweeps", figures={"_all": save(figure, folder, "_all")}), *sections]
+    together = save(sweeps_figure([each.sweep for each in found], curves, said[0]), folder, "_all")
+    return [Section(title="All sweeps", figures={"_all": together}), *sections]
+
+
+def _summary(found: Swept) -> Iterator[SummaryRow]:
+    every = [(label, point) for label, curve in found.points.items() for point in curve]
+    for label, point in every:
+        where = found.sweep.name, "sweep", label, f"{point.value:g}"
+        yield summary_row(*where, SUCCESS, point.success, point.trials)
+        yield summary_row(*where, RENDEZVOUS, point.rendezvous, point.trials)
+        yield summary_row(*where, "rendezvous_at_once", point.at_once, point.trials)
+        yield summary_row(*where, MOTIONS, point.motions, point.trials)
+        yield summary_row(*where, "median_motions", point.among_reached, point.trials)
+    for label, point in every:
+        if point.distances:
+            yield from distance_rows(found.sweep.name, "sweep", label, f"{point.value:g}", point.distances)
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -206,30 +194,23 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     )
 
 
-def _shown(found: Swept) -> Iterator[tuple[str, Point]]:
+def _shown(found: Swept) -> list[tuple[str, Point]]:
     """By label, the points that stand in tables."""
     indices = np.unique(np.linspace(0, len(found.sweep.over) - 1, _SHOWN).round().astype(int))
-    return ((label, curve[i]) for label, curve in found.points.items() for i in indices)
+    return [(label, curve[i]) for label, curve in found.points.items() for i in indices]
 
 
-def _table(found: Swept) -> Table:
-    sweep = found.sweep
+def _table(sweep: SweepConfig, shown: Sequence[tuple[str, Point]]) -> Table:
     rows = [
         [label, f"{at.value:g}", percent(at.rendezvous), number(at.among_reached), percent(at.success)]
-        for label, at in _shown(found)
+        for label, at in shown
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
     return Table.of(sweep.name, f"Sweep {sweep.name}", columns, rows)
 
 
 def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
-    """Trials without success on the left, and motions per reach on the right, both against the value.
-
-    Args:
-        sweep: What is varied.
-        curves: Of all agents.
-        said: Stands below the panels.
-    """
+    """Trials without success on the left, and motions per reach on the right, both against the value."""
     with plt.rc_context(STYLE):
         figure, (misses, motions) = plt.subplots(1, 2, figsize=(8.6, 4), layout="constrained")
         lost, worst = [], 0.0
@@ -254,13 +235,7 @@ def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
 
 
 def sweeps_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Curves], said: str) -> Figure:
-    """Motions per reach in all sweeps, a panel each, three in a row.
-
-    Args:
-        sweeps: In their order.
-        curves: By the sweep's name.
-        said: Stands below the panels.
-    """
+    """Motions per reach in all sweeps, a panel each, three in a row."""
     across = min(_ACROSS, len(sweeps))
     down = math.ceil(len(sweeps) / across)
     with plt.rc_context({**STYLE, "axes.labelsize": 8.5}):

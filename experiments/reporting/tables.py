@@ -28,10 +28,8 @@ class Table:
 
     Attributes:
         name: Names the table in kept files and in the markers of pages.
-        title: What the rows are about.
         frame: One row a line, numbers as numbers.
         formats: How the numbers of a column are written, such as ".1%" or ",.0f"; others as they are.
-        note: How to read the table.
     """
 
     name: str
@@ -181,25 +179,14 @@ def counted(amount: int, thing: str) -> str:
 
 
 def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
-    """A number and, as text in a column of its own, its interval.
-
-    Args:
-        name: Of the number's column.
-        found: The number.
-        form: How both are written, such as ".1%".
-    """
+    """A number and, as text in a column of its own, its interval; `form` is such as ".1%"."""
     limits = ", ".join(written(edge, form).removesuffix(" %") for edge in (found.low, found.high))
     interval = f"[{limits}]{' %' if form.endswith('%') else ''}" if found.has_interval else ""
     return {name: found.value, f"{name}{_INTERVAL}": interval}
 
 
 def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
-    """What an agent must know beyond its observations, as one cell of a table.
-
-    Args:
-        privileged: Privileged observations by the names of `tell=`; they stand in back-quotes.
-        prior_knowledge: Words of `agents.base.prior_knowledge.PriorKnowledge`, in its order.
-    """
+    """What an agent must know beyond its observations, as one cell; privileged ones in back-quotes."""
     return ", ".join([*(f"`{observation}`" for observation in privileged), *prior_knowledge]) or "nothing"
 
 

@@ -13,12 +13,7 @@ CPU = "cpu_seconds_a_motion"
 
 
 class CpuTimes:
-    """CPU seconds by what they were spent on; what is measured within something else does not count for it.
-
-    Attributes:
-        seconds: Of this process, by name.
-        times: How often each was begun.
-    """
+    """CPU seconds, and how often each was begun; what is measured within something else does not count."""
 
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
@@ -51,11 +46,7 @@ class CpuTimes:
         return timed
 
     def a_motion(self, learned: int) -> dict[str, float]:
-        """Seconds of a decision, and of learning from a motion (the decision for it included).
-
-        Args:
-            learned: Motions from which was learned; without any, and without a decision, there is no number.
-        """
+        """Seconds of a decision, and of learning from a motion (with its decision), where there was any."""
         found = {}
         if self.times["decision"]:
             found["decision"] = self.seconds["decision"] / self.times["decision"]

@@ -65,11 +65,7 @@ class LifetimeCounts:
 
 
 def refuse_options(options: dict[str, Any] | None) -> None:
-    """Raises where a reset of a run gets options.
-
-    Raises:
-        ValueError: They are given.
-    """
+    """Raises ValueError where a reset of a run gets options."""
     if options:
         raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
 
@@ -86,12 +82,8 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Attributes:
         world: The world in which the last motion was made (at first: the world to begin in).
-        motions, records, perturbations: See `LifetimeCounts`; all up to the last motion.
 
     Args:
-        env: The agent's environment, with its schedule of perturbations.
-        seed: Seeds world, objects and noise.
-        on_trial: Called with the record of each finished trial.
         places: Objects lie in turn where the first so many lay; None: each at its own place.
     """
 
@@ -114,11 +106,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Places the next object, unless the present trial has not begun.
-
-        Raises:
-            ValueError: Options are given.
-        """
+        """Places the next object, unless the present trial has not begun; takes no options."""
         refuse_options(options)
         if self._meter.motions:
             self._trial += 1
@@ -167,17 +155,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
 def learn_trials(
     agent: Any, recorder: LifetimeRecorder, trials: int, after_motion: Callable[[], None] = lambda: None
 ) -> list[TrialRecord]:
-    """Lets an agent learn until this many trials have ended in its environment.
-
-    Args:
-        agent: Made for `recorder`.
-        recorder: Records the agent's lifetime.
-        trials: Ended trials at which it stops, those before the call included.
-        after_motion: Called after every motion.
-
-    Returns:
-        The records of all trials.
-    """
+    """Lets an agent learn until so many trials, all before included, have ended; returns their records."""
 
     def go_on(progress: Any) -> bool:
         after_motion()
@@ -195,19 +173,8 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
 
     The world is the one that any agent meets under this seed, and perturbations are drawn as in its single
     environment. An event is applied to all rows before the first motion after which their summed motions, or
-    their ended trials, have reached it. Row 0 meets the objects that a single environment would.
-
-    Attributes:
-        world: The world in which the last motion was made (at first: the world to begin in).
-        motions, records, perturbations: See `LifetimeCounts`; of all rows, trials numbered as they ended.
-
-    Args:
-        config: The environment.
-        rows: How many arms.
-        privileged: What the environment must tell.
-        schedule: Of perturbations.
-        seed: Seeds world, objects and noise.
-        on_trial: Called with the record of each finished trial.
+    their ended trials, have reached it. Row 0 meets the objects that a single environment would. Trials of
+    all rows are numbered as they end.
     """
 
     def __init__(
@@ -245,11 +212,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         self._meters = [self._meter(row, self._first[1]) for row in range(rows)]
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begins a trial in every row, unless none has moved yet. A trial cut off has no record.
-
-        Raises:
-            ValueError: Options are given.
-        """
+        """Begins a trial in every row, unless none has moved yet. A trial cut off has no record."""
         refuse_options(options)
         if self._moved:
             self._moved = False

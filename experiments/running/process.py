@@ -49,15 +49,9 @@ class Worker:
         return self._process.poll() is None and not self._input.closed
 
     def make(self, folder: Path, log: IO[str], cpu_seconds: float = math.inf) -> int:
-        """Makes the run that `folder` describes, and writes what is printed, errors too.
+        """Makes the run that `folder` describes, and writes what is printed, errors too, into `log`.
 
-        Args:
-            folder: Where the run stands, and all that it makes will.
-            log: Gets what is printed.
-            cpu_seconds: That the copy may take.
-
-        Returns:
-            The exit code of the copy, or of the worker itself where that has ended.
+        Returns the exit code of the copy, or of the worker itself where that has ended.
         """
         with suppress(BrokenPipeError):
             self._input.write(f"{cpu_seconds} {folder.resolve()}\n")

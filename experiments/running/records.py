@@ -35,15 +35,8 @@ class TrialLog:
             "phase": phase,
             "lifetime_motions": lifetime_motions,
             "motions_since_perturbation": since_perturbation,
-            "trial": record.trial,
-            "motions": record.motions,
-            "robot_seconds": record.robot_seconds,
-            "success": record.success,
-            "rendezvous": record.rendezvous,
-            "error_px": record.error_px,
-            "distance_mm": record.distance_mm,
+            **{name: record[name] for name in record.__slots__ if name != "motions_to"},
             **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},
-            "expected_px": record.expected_px,
             **columns,
         }
         self._file.write(json.dumps(row) + "\n")

@@ -33,11 +33,7 @@ PATIENCE = 10.0
 
 
 def made_folder(out: Path) -> Path:
-    """A folder to write into, which is made where it is missing: asked for before anything is begun.
-
-    Raises:
-        ConfigError: It cannot be made, or nothing can be written into it.
-    """
+    """A folder to write into, which is made where it is missing: asked for before anything is begun."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -73,11 +69,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def read_json(path: Path, *keys: str) -> dict[str, Any]:
-    """Reads a mapping that `write_json` wrote.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
+    """Reads a mapping that `write_json` wrote."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
@@ -105,11 +97,7 @@ def suite_written_down(found: dict[str, Any]) -> Suite:
 
 
 def read_suite(out: Path) -> tuple[Suite, str]:
-    """The suite that was run in a folder last, and the command that did it.
-
-    Raises:
-        ConfigError: No suite was run there, or the file is damaged or of an earlier form.
-    """
+    """The suite that was run in a folder last, and the command that did it."""
     try:
         about = read_json(out / SUITE, "suite", "command")
         return suite_written_down(about["suite"]), about["command"]
@@ -127,11 +115,7 @@ def commit_of(out: Path) -> str:
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Holds the folder for one runner, until that has ended, however it ends.
-
-    Raises:
-        ConfigError: Another runner is still at work there.
-    """
+    """Holds the folder for one runner, until that has ended, however it ends; there is no other meanwhile."""
     descriptor = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         start = time.monotonic()
@@ -173,9 +157,6 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
     """Checks that all that has finished in a folder was made by this code from this configuration.
 
     More agents, worlds and scenarios than before are no other configuration.
-
-    Raises:
-        ConfigError: Names the runs, what differs, and what can be done.
     """
     known = {run.id for run in runs_of(suite)}
     finished = sorted(folder for folder in (out / RUNS).glob("*") if is_done(folder))

@@ -16,12 +16,7 @@ _WORLD, _EVALUATION, _AGENT = range(3)
 
 
 class Run(Model):
-    """What one process makes. Equal contents have equal ids.
-
-    Attributes:
-        agent: Which agent, with which settings.
-        agent_seed: Seeds what the agent draws by itself.
-    """
+    """What one process makes. Equal contents have equal ids."""
 
     agent: AgentConfig
     agent_seed: int
@@ -52,10 +47,8 @@ class LifetimeRun(Run):
 
     Attributes:
         scenario: As the agent lives it, see `ScenarioConfig.lived_by`.
-        evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
-        evaluation_seed: Seeds the held-out trials.
     """
 
     scenario: ScenarioConfig
@@ -79,7 +72,6 @@ class SweepRun(Run):
     """One agent at every value of a sweep, in every world.
 
     Attributes:
-        sweep: What is varied.
         world_seeds: Of worlds, their objects and their noise; the same at all values, for all agents.
     """
 

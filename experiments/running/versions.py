@@ -34,11 +34,7 @@ _KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 
 
 def versions(also: tuple[str, ...] = ()) -> dict[str, str]:
-    """Versions of Python, of the packages that results depend on, and of our own code.
-
-    Args:
-        also: More of our sources on which these results depend.
-    """
+    """Versions of Python, of packages that results depend on, and of our code, with more of our sources."""
     found = {"code": _code(also), "python": platform.python_version()}
     for package in PACKAGES:
         try:

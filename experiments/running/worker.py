@@ -33,9 +33,7 @@ _PROGRESS_EVERY = 2.0
 def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
-    Returns:
-        What the run says about itself: the agent's privileged observations, what it is built on, and how
-        its world was perturbed. And the motions from which it learned.
+    Returns what the run says about itself, and the motions from which the agent learned.
     """
     with closing(TrialLog(folder)) as log, closing(Curves(folder)) as curves:
 
@@ -90,15 +88,6 @@ class Checkpoints(Onlooker):
 
     Where one comes again and again, this is done once between two scheduled checkpoints, so that a world
     that is perturbed at every trial does not turn into one long evaluation.
-
-    Args:
-        run: The run, which has an evaluation.
-        agent: Made for `recorder`.
-        rows: How many arms it moves at once.
-        recorder: Whose motions count.
-        log: Gets one row a trial.
-        curves: Gets the means.
-        times: Counts CPU seconds.
     """
 
     run: LifetimeRun
@@ -178,13 +167,10 @@ def print_progress(run: LifetimeRun, recorder: Recorder, more: str = "") -> None
 
 
 def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
-    """Makes the trials of a sweep, and logs each into `folder`.
+    """Makes the trials of a sweep, and logs each into `folder`; returns what the run says about itself.
 
     At every value the agent is made afresh, and learns nothing. A trial is in view where its first
     observation shows all points to both cameras, whatever the agent then does.
-
-    Returns:
-        What the run says about itself: the agent's privileged observations, and what it is built on.
     """
     config = run.sweep
     privileged, settings, _, known = requirements(run.agent, config.env)

@@ -31,6 +31,7 @@ MOVED = {
     "first_grasps": "run configs/first-grasps.yaml --out FOLDER",
     "arms": "run configs/other-arms.yaml --out FOLDER",
     "grasping": "benchmark speed",
+    "knowledge": "run configs/paper.yaml --out FOLDER",
 }
 """Commands that measure what studies of these names did."""
 

@@ -18,7 +18,7 @@ from experiments.evaluation import TrialRecord
 from experiments.reporting.tables import Table, beside
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.statistics import Array, mean_share
-from experiments.studies.common import CAP, REACH, Map, motions_per_reach, share_of, side_by_side
+from experiments.studies.common import CAP, REACH, Map, side_by_side
 
 WORLDS = range(2000, 2020)
 FIRST, APART, EVENTS = 60, 60, 5
@@ -97,7 +97,7 @@ def _schedule(kind: str) -> list[dict[str, Any]]:
 
 def _after(lifetimes: list[list[TrialRecord]], required: tuple[int, int, float], away: int) -> dict[str, Any]:
     """Mean motions before changes, less the trials `away` from the old camera, and in blocks after."""
-    motions = motions_per_reach(lifetimes)
+    motions, successes = _motions_and_successes(lifetimes)
     before = np.mean([motions[:, t - BEFORE : t - away] for t in CHANGES])
 
     def after(first: int, last: int) -> Array:
@@ -111,8 +111,14 @@ def _after(lifetimes: list[list[TrialRecord]], required: tuple[int, int, float],
         "required in trials": _trials(first, last),
         "motions there": after(first, last).mean(),
         "required": before + more,
-        **share_of("success", lifetimes, ".2%"),
+        **beside("success", mean_share(successes), ".2%"),
     }
+
+
+def _motions_and_successes(lifetimes: list[list[TrialRecord]]) -> Array:
+    """Of each trial (2, worlds, trials)."""
+    found = [[(each.motions_per_reach(CAP), each.success) for each in records] for records in lifetimes]
+    return np.moveaxis(np.array(found, float), -1, 0)
 
 
 def _trials(first: int, last: int) -> str:
@@ -163,14 +169,14 @@ def drift(each: Map) -> Table:
     for mount in calfree_gym.MOUNTS:
         lived = partial(_lifetime, mount, "recognise", schedule, DRIFT_TRIALS)
         lifetimes = list(each(lived, WORLDS))
-        motions = motions_per_reach(lifetimes)
+        motions, successes = _motions_and_successes(lifetimes)
         rows.append(
             {
                 "mount": mount,
                 all_of_them: motions.mean(),
                 late: motions[:, DRIFT_LATE:].mean(),
                 "required": 1.3,
-                **share_of("success", lifetimes, ".2%"),
+                **beside("success", mean_share(successes), ".2%"),
             }
         )
     frame = pd.DataFrame(rows)

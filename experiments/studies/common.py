@@ -15,41 +15,19 @@ import numpy as np
 import agents
 import calfree_gym
 from calfree_gym.geometry import Array
-from experiments.evaluation import TrialRecord
-from experiments.reporting.tables import beside
-from experiments.statistics import mean_share
 
 REACH = calfree_gym.ENV_IDS[0]
 CAP = gym.spec(REACH).max_episode_steps or 0
 """Motions as which a trial without a rendezvous counts."""
 
-Lifetimes = Sequence[Sequence[TrialRecord]]
-"""Trials of each world, of the same number in all."""
 Map = Callable[..., Iterable[Any]]
 """As `map` with one argument."""
 
 
-def motions_per_reach(lifetimes: Lifetimes) -> Array:
-    """Motions (worlds, trials), a trial without a rendezvous counting as `CAP`."""
-    return np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes], float)
-
-
-def share_of(what: str, lifetimes: Lifetimes, form: str) -> dict[str, Any]:
-    """Columns of a table: the share of trials with a "rendezvous" or "success", its interval over worlds."""
-    found = np.array([[record[what] for record in records] for records in lifetimes])
-    return beside(what, mean_share(found), form)
-
-
 class FirstTrial(NamedTuple):
-    """What came of the first trial of an agent that knows nothing.
+    """What came of the first trial of an agent that knows nothing: by the truth, and whether images tell so.
 
-    Attributes:
-        success: Whether the task is done, by the truth.
-        told: Whether images tell so.
-        motions: Made.
-        infos: Of each motion.
-        words: Of each motion (motions, m).
-        gave_up: Whether the agent said that nothing could be done.
+    Its infos are those of each motion, its words (motions, m); some agents say that nothing could be done.
     """
 
     success: bool
@@ -61,14 +39,7 @@ class FirstTrial(NamedTuple):
 
 
 def first_trial(agent: Any, env: gym.Env[Any, Any], seed: int, object_: Array | None = None) -> FirstTrial:
-    """One trial of a fresh agent, in the world of a seed.
-
-    Args:
-        agent: With `predict`.
-        env: A task with `is_solved`.
-        seed: Of the world.
-        object_: Where the object is, as `reset` takes it; None: drawn.
-    """
+    """One trial of a fresh agent, in the world of a seed; the object lies where `reset` takes it."""
     observation, _ = env.reset(seed=seed, options=None if object_ is None else {"object": object_})
     state, over = None, False
     sent, infos = [], []
@@ -100,11 +71,7 @@ def arms_of_tests() -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def side_by_side(jobs: int | None = None) -> Iterator[Map]:
-    """`map` over fresh processes of one thread each; in this process where there is one job.
-
-    Args:
-        jobs: Processes; None: one for each core.
-    """
+    """`map` over fresh processes of one thread, one a core or so many; in this process where it is one."""
     jobs = jobs or len(os.sched_getaffinity(0))
     if jobs == 1:
         yield map

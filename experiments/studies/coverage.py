@@ -43,53 +43,40 @@ SUCCESS: dict[str, Draw] = {
 BAD_FOR_ONE = "one in ten 50 %, others 100 %, for one agent alone"
 
 
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """Trials of one agent in simulated worlds, each of shape (samples, worlds, trials)."""
+def _trials(rng: np.random.Generator, design: str, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Success and motions of an agent and a slower one in the same worlds (samples, worlds, agents, trials).
 
-    success: Array
-    motions: Array
-
-
-def simulated(rng: np.random.Generator, rates: Array, typical: Array) -> Simulated:
-    """Trials: skewed motions of 1 to some 10, and the cap where one fails.
-
-    Args:
-        rng: Draws the trials.
-        rates: Of success (samples, worlds).
-        typical: Motions of a trial beyond the first (samples, worlds).
+    Motions are skewed, of 1 to some 10, and the cap where a trial fails. Worlds differ in the rate at which
+    trials succeed, and in how many motions a trial has beyond the first.
     """
-    size = (*rates.shape, TRIALS)
-    success = rng.random(size) < rates[..., None]
-    motions = 1 + np.round(rng.gamma(1.5, typical[..., None] / 1.5, size))
-    return Simulated(success.astype(float), np.where(success, np.minimum(motions, CAP), CAP))
-
-
-def _agents(rng: np.random.Generator, design: str, size: tuple[int, int]) -> tuple[Simulated, Simulated]:
-    """An agent and a slower one in the same worlds."""
     typical = 2 * np.exp(0.4 * rng.normal(size=size))
     if design == BAD_FOR_ONE:
-        first, second = np.ones(size), SUCCESS["one in ten 50 %, others 100 %"](rng, size)
+        rates = np.ones(size), SUCCESS["one in ten 50 %, others 100 %"](rng, size)
     else:
-        first = second = SUCCESS[design](rng, size)
-    return simulated(rng, first, typical), simulated(rng, second, 1.5 * typical)
+        rates = (SUCCESS[design](rng, size),) * 2
+    found = []
+    for rate, more in zip(rates, (typical, 1.5 * typical), strict=True):
+        success = rng.random((*size, TRIALS)) < rate[..., None]
+        motions = 1 + np.round(rng.gamma(1.5, more[..., None] / 1.5, (*size, TRIALS)))
+        found.append((success.astype(float), np.where(success, np.minimum(motions, CAP), CAP)))
+    successes, motions = (np.stack(each, axis=2) for each in zip(*found, strict=True))
+    return successes, motions
 
 
 def _shares(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return np.stack([agent.success.mean(axis=2) for agent in _agents(rng, design, size)], axis=-1)
+    return np.asarray(_trials(rng, design, size)[0].mean(axis=3))
 
 
 def _motions(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
     """A failure counting as the cap."""
-    return np.stack([agent.motions.mean(axis=2) for agent in _agents(rng, design, size)], axis=-1)
+    return np.asarray(_trials(rng, design, size)[1].mean(axis=3))
 
 
 def _of_those_that_reached(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    """NaN in a world in which no trial did."""
-    agent, _ = _agents(rng, design, size)
-    reached = agent.success.sum(axis=2)
-    motions = (agent.motions * agent.success).sum(axis=2)
-    return np.divide(motions, reached, out=np.full(size, np.nan), where=reached > 0)
+    """Of the first agent; NaN in a world in which no trial did."""
+    success, motions = (each[:, :, 0] for each in _trials(rng, design, size))
+    reached, sums = success.sum(axis=2), (motions * success).sum(axis=2)
+    return np.divide(sums, reached, out=np.full(size, np.nan), where=reached > 0)
 
 
 NEVER = {"all reach it": 0.0, "one in ten never": 0.1}
@@ -187,14 +174,7 @@ def tables(
     sizes: Sequence[int] = WORLDS,
     population: int = 100_000,
 ) -> Iterator[Table]:
-    """Each estimand in each design.
-
-    Args:
-        samples: Of worlds, in each of which there are 20 trials; an interval is made of each.
-        studies: The estimands.
-        sizes: Worlds in a sample.
-        population: Worlds from which the truth is taken.
-    """
+    """Each estimand in each design: samples of worlds, and a population that the truth is taken of."""
     rows = []
     for study in studies:
         for design in study.designs:

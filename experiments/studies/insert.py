@@ -27,12 +27,7 @@ MOST_FORCE = 20.0
 
 
 def tables(worlds: int = WORLDS, clearances: tuple[float, ...] = CLEARANCES) -> Iterator[Table]:
-    """First trials of all agents that insert, in wild worlds: by clearance, and on the other mount.
-
-    Args:
-        worlds: How many, one trial each.
-        clearances: Of peg and hole, in mm, on the first mount; on the other one `ASKED` alone.
-    """
+    """First trials of agents that insert, in wild worlds: by clearance (mm), and on the other mount."""
     kinds = [(MOUNTS[0], each) for each in clearances] + [(MOUNTS[1], ASKED)]
     names = [name for name in agents.names("insert") if name != "random"]
     rows = [_row(name, mount, clearance, worlds) for name in names for mount, clearance in kinds]

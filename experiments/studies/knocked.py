@@ -16,8 +16,6 @@ from matplotlib.figure import Figure
 
 import agents
 from calfree_gym.perturb import paired
-from experiments.fetch_reach.calibrated import Calibrated
-from experiments.fetch_reach.cloned import DEMONSTRATED, Cloned
 from experiments.fetch_reach.environment import (
     CAMERA,
     FOVY,
@@ -29,19 +27,23 @@ from experiments.fetch_reach.environment import (
     points_of,
     succeeded,
 )
-from experiments.fetch_reach.pixels import SIZE, ClonedFromImages, images_of
+from experiments.fetch_reach.policies import (
+    DEMONSTRATED,
+    SIZE,
+    Calibrated,
+    Cloned,
+    ClonedFromImages,
+    images_of,
+)
 from experiments.reporting.tables import Table
 
 EPISODES = 100
 
 
 class Policy(NamedTuple):
-    """One that is tried.
+    """One that is tried: made with what it knows beforehand, in an environment that shows it what it sees.
 
-    Attributes:
-        make: Makes it, with what it knows beforehand.
-        learns: Whether it learns in the episodes that count; `make` makes what makes it, then.
-        sees: Puts around the environment what it observes.
+    One that learns in the episodes that count is made by what `make` makes.
     """
 
     make: Callable[[], Any]

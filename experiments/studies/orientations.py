@@ -40,11 +40,9 @@ HANGS = 0.03
 
 
 class Told(NamedTuple):
-    """What geometry says of a thing at one orientation.
+    """What geometry says of a thing at one orientation; the slant is that of its main axis (degrees).
 
     Attributes:
-        slant: Of its main axis, from the vertical (degrees).
-        map: Whether it can be grasped.
         down: The same of a gripper that points straight down.
         squarely: The same of jaws that press squarely.
     """
@@ -56,12 +54,7 @@ class Told(NamedTuple):
 
 
 def tables(worlds: int = WORLDS, mounts: tuple[str, ...] = MOUNTS) -> Iterator[Table]:
-    """The map by geometry; beside it what a search finds, and what the agent grasps.
-
-    Args:
-        worlds: How many.
-        mounts: Of the cameras; of the map the first alone.
-    """
+    """The map by geometry, on the first mount; beside it what a search finds, and what the agent grasps."""
     drawn = (
         f"wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, 30 to 50 cm away, in view, all orientations "
         "alike"

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
@@ -18,7 +16,7 @@ from calfree_gym.sb3 import make_sb3_env
 from calfree_gym.wrappers import ScaledWords
 from experiments.evaluation import evaluate
 from experiments.reporting.tables import Table
-from experiments.studies.common import CAP
+from experiments.studies.common import CAP, side_by_side
 
 DENSE = "calfree_gym:CalFree/ReachDense-v0"
 WORLD: dict[str, Any] = {
@@ -36,12 +34,7 @@ HELD_OUT = 10_000
 
 
 class Algorithm(NamedTuple):
-    """An algorithm of stable-baselines3.
-
-    Attributes:
-        motions: Of all arms together.
-        settings: Of the algorithm.
-    """
+    """An algorithm of stable-baselines3: motions of all arms together, and settings."""
 
     motions: int
     settings: dict[str, Any]
@@ -75,17 +68,10 @@ LEARNERS = {
 
 
 def tables(share: float = 1.0, looks: int = 5, trials: int = 100) -> Iterator[Table]:
-    """PPO and SAC, one run each, side by side, looked at now and then.
-
-    Args:
-        share: Of the motions of `LEARNERS`.
-        looks: How often each is looked at.
-        trials: Held-out trials of a look.
-    """
+    """PPO and SAC, one run each over a share of their motions, side by side, looked at now and then."""
     learned = partial(_learned, share=share, looks=looks, trials=trials)
-    with ProcessPoolExecutor(len(LEARNERS), multiprocessing.get_context("spawn")) as pool:
-        rows = chain.from_iterable(pool.map(learned, LEARNERS, LEARNERS.values()))
-        frame = pd.DataFrame(rows)
+    with side_by_side(len(LEARNERS)) as each:
+        frame = pd.DataFrame(chain.from_iterable(each(learned, LEARNERS.items())))
     yield Table(
         "pixels",
         "Networks that see pixels",
@@ -104,11 +90,12 @@ def _device() -> str:
     return torch.cuda.get_device_name() if torch.cuda.is_available() else "one core"
 
 
-def _learned(name: str, learner: Algorithm, share: float, looks: int, trials: int) -> list[dict[str, Any]]:
+def _learned(which: tuple[str, Algorithm], share: float, looks: int, trials: int) -> list[dict[str, Any]]:
     """A row of each look."""
     import stable_baselines3
     import torch
 
+    name, learner = which
     torch.set_num_threads(1)
     envs = make_sb3_env(DENSE, ARMS, WORD_LIMIT, seed=0, **WORLD)
     held_out = ScaledWords(gym.make(DENSE, **WORLD), WORD_LIMIT)

@@ -158,16 +158,7 @@ def motions(
     schedule: tuple[dict[str, Any], ...] = (),
     **settings: Any,
 ) -> Array:
-    """Motions of an agent's first trials (trials,) in one world; without a rendezvous it is the cap.
-
-    Args:
-        name: Of the agent.
-        world: Its seed.
-        trials: How many.
-        altered: What is otherwise than the agent takes it.
-        schedule: Of perturbations.
-        **settings: Of the agent.
-    """
+    """Motions of an agent's first trials (trials,) in one world; without a rendezvous it is the cap."""
     arguments = {"id": REACH, "world": BUILT_FOR.get(name, "wild"), "dynamics": "kinematic", **altered.env}
     config = EnvironmentConfig.model_validate(arguments)
     required = requirements(AgentConfig(name=name, label=name, settings=settings), config)

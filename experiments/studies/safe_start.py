@@ -59,9 +59,7 @@ def tables(
 ) -> Iterator[Table]:
     """A table for each arm: what its first trials came to, by agent; and one of `safe_start` alone, by arm.
 
-    Args:
-        places: By the arm's name; by default the RV-M2, and two where `make arms` has fetched them.
-        others: For the last table; by default the arms of the tests, and all others that are fetched.
+    By default those are the RV-M2, and two where `make arms` has fetched them; these all others.
     """
     for arm, place in (_usual() if places is None else places).items():
         env = gym.make(SAFE, **place.arguments)

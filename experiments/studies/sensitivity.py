@@ -36,7 +36,7 @@ from agents.servo.unified import UnifiedServo
 from calfree_gym import MOUNTS
 from calfree_gym.geometry import Array
 from calfree_gym.world import World
-from experiments.evaluation import TrialRecord, evaluate
+from experiments.evaluation import evaluate
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.statistics import Estimate, mean_estimate, relative_change
@@ -116,14 +116,9 @@ class Constant:
     """A named number of an agent.
 
     Attributes:
-        agent: The agent that it is varied in.
-        module: Where it is defined.
         owner: The class that it belongs to; empty for a module's own.
-        name: Its name there.
-        value: Its value.
         source: Where it comes from, by its docstring: "derived", "from a source", "tuned", "choice", "guard"
             or "not said".
-        setting: Whether it is a setting of the agent.
     """
 
     agent: str
@@ -174,8 +169,7 @@ def numbers(agent: str, module: ModuleType) -> Iterator[Constant]:
 def varied(constant: Constant | None, value: float) -> Iterator[dict[str, float]]:
     """Gives a constant another value for a while, wherever it is read; where there is none, changes nothing.
 
-    Yields:
-        The settings to make the agent with: the setting, or none where it is a constant in the code.
+    Yields the settings to make the agent with: the setting, or none where it is a constant in the code.
     """
     if constant is None or constant.setting:
         yield {constant.name: value} if constant else {}
@@ -213,16 +207,11 @@ def places(module: str, owner: str, name: str) -> tuple[tuple[Any, str], ...]:
             for node in ast.walk(_tree(each))
             if isinstance(node, ast.ImportFrom)
             for alias in node.names
-            if (_imported(node, each), alias.name) in found
+            if (resolve_name("." * node.level + (node.module or ""), each.__package__), alias.name) in found
         }
         if importing <= found:
             return tuple((sys.modules[where], alias) for where, alias in sorted(found))
         found |= importing
-
-
-def _imported(node: ast.ImportFrom, module: ModuleType) -> str:
-    """Name of the module from which a module imports, relatively or not."""
-    return resolve_name("." * node.level + (node.module or ""), module.__package__)
 
 
 def _settings(agent: str) -> Iterator[Constant]:
@@ -330,31 +319,37 @@ class Task:
     variations: tuple[Variation, ...]
 
 
-def _first(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """First trials, each by an agent that knows nothing."""
-    agent = agents.make(task.agent, env, **settings)
-    return _scored(evaluate(agent, env, task.sizes.first, task.seed))
+CONDITIONS = {
+    "unified_servo": ("first trials", "later trials", "mistaken points", "late points"),
+    "memory": ("changed cameras",),
+}
+"""What each agent is measured in."""
+TROUBLE = {
+    "mistaken points": ({"type": "point_outliers", "share": 0.2}, {"type": "point_noise", "px": 3.0}),
+    "late points": ({"type": "latency", "motions": 1}, {"type": "point_dropout", "share": 0.2}),
+}
+"""What is done to the world before the first trial, by the condition."""
 
 
-def _later(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """Trials after a first one."""
-    return _lifetime(task, env, settings, 1 + task.sizes.later)[1:]
-
-
-def _whole(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """All trials of a life."""
-    return _lifetime(task, env, settings, task.sizes.lifetime)
-
-
-def _trouble(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """First trials until the true error is small: in noise an observed one is small by luck."""
-    agent = agents.make(task.agent, env, **settings)
-    records = evaluate(agent, EndsNear(env), task.sizes.trouble, task.seed)
-    return np.array([(each.motions, each.motions_to[NEAR_PX] is not None) for each in records], float)
+def measured(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
+    """Motions and success of each trial (trials, 2); in trouble until the true error is small."""
+    sizes = task.sizes
+    if task.condition in TROUBLE:
+        agent = agents.make(task.agent, env, **settings)
+        records = evaluate(agent, EndsNear(env), sizes.trouble, task.seed)
+        return np.array([(each.motions, each.motions_to[NEAR_PX] is not None) for each in records], float)
+    if task.condition == "first trials":  # none of which teaches anything
+        records = evaluate(agents.make(task.agent, env, **settings), env, sizes.first, task.seed)
+    else:
+        later = task.condition == "later trials"
+        recorder = LifetimeRecorder(env, task.seed)
+        trials = 1 + sizes.later if later else sizes.lifetime
+        records = learn_trials(agents.make(task.agent, recorder, **settings), recorder, trials)[later:]
+    return np.array([(each.motions_per_reach(CAP), each.success) for each in records], float)
 
 
 class EndsNear(gym.Wrapper[Any, Any, Any, Any]):
-    """Ends a trial where gripper and object truly are within `NEAR_PX`."""
+    """Ends a trial where gripper and object truly are within `NEAR_PX`: in noise an observation may err."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes one motion."""
@@ -363,42 +358,15 @@ class EndsNear(gym.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated or near, truncated, info
 
 
-def _lifetime(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any], trials: int) -> Array:
-    recorder = LifetimeRecorder(env, task.seed)
-    return _scored(learn_trials(agents.make(task.agent, recorder, **settings), recorder, trials))
-
-
-def _scored(records: list[TrialRecord]) -> Array:
-    """Motions and success of each trial (trials, 2)."""
-    return np.array([(each.motions_per_reach(CAP), each.success) for each in records], float)
-
-
-def _from_the_start(*changes: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of an environment that is in trouble, and ends no trial by an observed rendezvous."""
-    schedule = [{"at": {"trial": 0}, "do": change} for change in changes]
-    return {"perturbations": schedule, "terminate_on_success": False}
-
-
-def _changed_cameras(trials: int) -> dict[str, Any]:
-    """Likewise of one whose left camera is re-aimed half way, and replaced at three quarters."""
-    aim = {"type": "camera_aim", "degrees": 10, "camera": "left"}
-    replace = {"type": "camera_replace", "camera": "left"}
-    changes = [(trials // 2, aim), (3 * trials // 4, replace)]
-    return {"perturbations": [{"at": {"trial": trial}, "do": change} for trial, change in changes]}
-
-
-_mistaken = _from_the_start({"type": "point_outliers", "share": 0.2}, {"type": "point_noise", "px": 3.0})
-_late = _from_the_start({"type": "latency", "motions": 1}, {"type": "point_dropout", "share": 0.2})
-CONDITIONS: dict[str, dict[str, tuple[Callable[..., Array], Callable[[Sizes], dict[str, Any]]]]] = {
-    "unified_servo": {
-        "first trials": (_first, lambda sizes: {}),
-        "later trials": (_later, lambda sizes: {}),
-        "mistaken points": (_trouble, lambda sizes: _mistaken),
-        "late points": (_trouble, lambda sizes: _late),
-    },
-    "memory": {"changed cameras": (_whole, lambda sizes: _changed_cameras(sizes.lifetime))},
-}
-"""What each agent is measured in: how, and in which environments."""
+def _arguments(task: Task) -> dict[str, Any]:
+    """What the environment has beside the world; in trouble no observed rendezvous ends a trial."""
+    changes: list[tuple[int, dict[str, Any]]] = [(0, change) for change in TROUBLE.get(task.condition, ())]
+    if task.condition == "changed cameras":
+        trials = task.sizes.lifetime
+        aim = {"type": "camera_aim", "degrees": 10, "camera": "left"}
+        changes = [(trials // 2, aim), (3 * trials // 4, {"type": "camera_replace", "camera": "left"})]
+    schedule = [{"at": {"trial": trial}, "do": change} for trial, change in changes]
+    return {"perturbations": schedule or None, "terminate_on_success": task.condition not in TROUBLE}
 
 
 @cache
@@ -410,15 +378,14 @@ def _world(seed: int, mount: str) -> World:
 
 def carry_out(task: Task) -> Array:
     """Motions and success of a task's trials (variations, trials, 2); NaN where an error was raised."""
-    measure, options = CONDITIONS[task.agent][task.condition]
     mount = MOUNTS[task.seed % len(MOUNTS)]
     fixed: dict[str, Any] = {"camera_mount": mount, "dynamics": "kinematic", "max_episode_steps": CAP}
-    env = gym.make(REACH, world=_world(task.seed, mount), **fixed, **options(task.sizes))
+    env = gym.make(REACH, world=_world(task.seed, mount), **fixed, **_arguments(task))
     found: list[Array] = []
     for constant, value in task.variations:
         try:
             with varied(constant, value) as settings:
-                found.append(measure(task, env, settings))
+                found.append(measured(task, env, settings))
         except (ArithmeticError, ValueError, LookupError):
             if constant is None:
                 raise
@@ -475,13 +442,7 @@ def readable(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def effects(worlds: int, sizes: Sizes, only: Collection[str] = (), jobs: int | None = None) -> pd.DataFrame:
-    """What halving and doubling each constant does under each condition.
-
-    Args:
-        worlds: How many, at least 2; from `FIRST_WORLD` on.
-        sizes: Trials; those of `Sizes()` take some 15 minutes on two cores.
-        only: Labels of constants to vary; all where it is empty.
-        jobs: Processes; None: one for each core.
+    """What halving and doubling each constant, or only some, does under each condition.
 
     Returns:
         The `COLUMNS`: motions (%) and success (points) with the ends of their 95 % intervals; differing is
@@ -507,30 +468,24 @@ def effects(worlds: int, sizes: Sizes, only: Collection[str] = (), jobs: int | N
     with side_by_side(jobs) as each_of:
         for task, scores in zip(tasks, each_of(carry_out, tasks), strict=True):
             found.setdefault((task.agent, task.condition), []).append(scores)
-    return pd.DataFrame(
-        _row(condition, *variation, np.array(found[agent, condition])[:, [0, i]])
-        for agent, own in variations.items()
-        for i, variation in enumerate(own, 1)
-        for condition in CONDITIONS[agent]
-    )
-
-
-def _row(condition: str, constant: Constant, tried: float, scores: Array) -> dict[str, Any]:
-    """A row of `effects`, of scores (worlds, base and variation, trials, motions and success)."""
-    base, changed = scores[:, 0], scores[:, 1]
-    differing = 100 * float((base != changed).any(-1).mean())
-    row = {
-        "agent": constant.agent,
-        "constant": constant.label,
-        "value": constant.value,
-        "source": constant.source,
-        "factor": FACTORS[tried > constant.value],
-        "tried": tried,
-        "condition": condition,
-        **judged(base.mean(1), changed.mean(1)),
-        "differing": differing,
-    }
-    return row if differing else row | {"verdict": VERDICTS[-1]}
+    rows = []
+    for agent, own in variations.items():
+        for i, (constant, tried) in enumerate(own, 1):
+            for condition in CONDITIONS[agent]:
+                base, changed = np.array(found[agent, condition])[:, [0, i]].swapaxes(0, 1)
+                row = {
+                    "agent": agent,
+                    "constant": constant.label,
+                    "value": constant.value,
+                    "source": constant.source,
+                    "factor": FACTORS[tried > constant.value],
+                    "tried": tried,
+                    "condition": condition,
+                    **judged(base.mean(1), changed.mean(1)),
+                    "differing": 100 * float((base != changed).any(-1).mean()),
+                }
+                rows.append(row if row["differing"] else row | {"verdict": VERDICTS[-1]})
+    return pd.DataFrame(rows)
 
 
 def judged(base: Array, changed: Array) -> dict[str, Any]:

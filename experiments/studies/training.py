@@ -18,8 +18,16 @@ from matplotlib.figure import Figure
 import agents
 from experiments.config.suite import AgentConfig
 from experiments.evaluation import Predictor, evaluate
-from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.figures import STYLE, LineEnd, label_lines, marks, motions_axis, say
+from experiments.reporting.figures import (
+    STYLE,
+    LineEnd,
+    in_words,
+    label_lines,
+    lines_of,
+    marks,
+    motions_axis,
+    say,
+)
 from experiments.reporting.tables import Table
 from experiments.studies.common import CAP, side_by_side
 
@@ -40,10 +48,8 @@ def tables(
 ) -> Iterator[Table]:
     """Every learner as often as there are runs, looked at after some minutes of its own CPU time.
 
-    Args:
-        minutes: When, ascending; what evaluation takes does not count.
-        runs: Of each learner; they differ in seeds alone.
-        trials: Held-out trials of a look, each in a world of its own.
+    Runs differ in seeds alone. Each of the held-out trials of a look is in a world of its own; what they take
+    does not count.
     """
     with side_by_side() as each:
         curves = each(partial(_curve, minutes=minutes, trials=trials), product(LEARNERS, range(runs)))

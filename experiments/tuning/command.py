@@ -1,6 +1,7 @@
-"""`python -m experiments tune`: several agents, one after the other or side by side."""
+"""`python -m experiments tune`: several agents, one after the other or at once, and what is published."""
 
 import argparse
+import re
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -8,15 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+import pandas as pd
+import yaml
 
 from experiments.errors import ConfigError
 from experiments.options import Parser, add_config, whole
-from experiments.reporting.tables import show
+from experiments.reporting.kept_tables import write_page
+from experiments.reporting.pages import MARKDOWN
+from experiments.reporting.tables import Table, number, show
 from experiments.running.process import end_idle_workers
-from experiments.running.results_folder import locked, made_folder, write_whole
+from experiments.running.results_folder import locked, made_folder, read_json, write_json, write_whole
 from experiments.running.versions import REPOSITORY, commit, versions
-from experiments.tuning.config import TuningConfig, load_tuning
-from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
+from experiments.statistics import Estimate
+from experiments.tuning.config import TunedAgentConfig, TuningConfig, load_tuning
 from experiments.tuning.tuner import DefaultsFailError, Lifetimes, LostError, Tuner
 
 STUDIES = "studies"
@@ -38,22 +43,11 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
-    """Tunes agents, and writes what came of it.
+    """Tunes agents, all or those named, and writes what came of it; returns those whose tuning failed.
 
-    Args:
-        config: What is tuned.
-        out: The folder; what stands there is gone on with.
-        names: Of agents; all, where none is given.
-        jobs: How many agents are tuned at a time. The tries of one follow each other, as each learns from
-            those before it.
-        write: Whether to write the settings that beat the default ones into configs/agents, or to print them.
-
-    Returns:
-        The agents whose tuning failed.
-
-    Raises:
-        ConfigError: An agent is not tuned here, another process is at work in the folder, or it holds tries
-            of other code or of another configuration.
+    What stands in the folder is gone on with. So many agents are tuned at a time; the tries of one follow
+    each other, as each learns from those before it. With `write`, settings that beat the default ones go into
+    configs/agents.
     """
     try:
         agents = config.only(names).agents if names else config.agents
@@ -104,3 +98,121 @@ def _offer(found: dict[str, Any], write: bool) -> None:
 
 def _say(text: str) -> None:
     print(text, flush=True)
+
+
+CHOICES = "choices"
+SETTINGS = REPOSITORY / "configs" / "agents"
+"""Where tuned settings of agents stand."""
+
+_DIFFERENCE = "best less default there"
+_NOTE = (
+    "Motions a held-out reach, mean over the checkpoints of a lifetime and over worlds: lower is better. The "
+    "default settings stay, unless the whole 95 % interval of the paired difference in other worlds, where "
+    "nothing was tried, favours the best ones. Where no try was better, there is nothing to compare."
+)
+
+
+def write_agent(out: Path, found: dict[str, Any]) -> None:
+    """Writes AGENT.json: all that `Tuner.tune` returned, and its tries as a table."""
+    write_json(out / f"{found['agent']['name']}.json", {**found, "tables": [_tries(found).to_dict()]})
+
+
+def write_tables(out: Path, config: TuningConfig) -> list[Table]:
+    """Writes choices.json and report.md, of all agents tuned in a folder; returns their tables."""
+    files = [out / f"{agent.name}.json" for agent in config.agents]
+    found = [read_json(file) for file in files if file.exists()]
+    if not found:
+        return []
+    tables = [_choices(found), _ranges(found)]
+    commits = ", ".join(dict.fromkeys(each["commit"] for each in found))
+    kept = out / f"{CHOICES}.json"
+    write_json(kept, {"commit": commits, "tables": [table.to_dict() for table in tables]})
+    write_page(kept, out / MARKDOWN)
+    return tables
+
+
+def settings_file(found: dict[str, Any], folder: Path = SETTINGS) -> str:
+    """configs/agents/NAME.yaml with the chosen settings in it, whatever else stands there kept."""
+    name, settings = found["agent"]["name"], found["settings"]
+    path = folder / f"{name}.yaml"
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    see = f"tuned, see experiments/results/tuning/{name}.json"
+    head = (
+        f"# {', '.join(settings)}: {see}; what follows was measured before." if text else f"# {name}: {see}."
+    )
+    wanted = {**(yaml.safe_load(text) or {}), **settings}
+    for setting, value in settings.items():
+        line = f"{setting}: {_yaml(value)}"
+        text, replaced = re.subn(rf"^{setting}:[^#\n]*?(?=\s*(#|$))", line, text, flags=re.MULTILINE)
+        if not replaced:
+            text += f"{line}\n"
+    text = f"{head}\n{text}"
+    if yaml.safe_load(text) != wanted:
+        raise ConfigError(f"{path} gives {', '.join(settings)} over several lines: change it by hand")
+    return text
+
+
+def _yaml(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True).removesuffix("\n").removesuffix("\n...")
+
+
+def _choices(found: list[dict[str, Any]]) -> Table:
+    """One row an agent: tries, cost, and who won in other worlds."""
+    rows = []
+    for each in found:
+        tries, check = each["tries"], each["check"]
+        row = {
+            "agent": f"`{each['agent']['name']}`",
+            "tries": len(tries),
+            "CPU min": each["cpu_minutes"],
+            "default": tries[0]["objective"],
+            "best": min((made["objective"] for made in tries if made["objective"] is not None), default=None),
+            "other worlds": "",
+            _DIFFERENCE: None,
+            "CPU min there": None,
+        }
+        if check:
+            row |= {"other worlds": f"{len(check['default'])}", "CPU min there": check["cpu_minutes"]}
+            row[_DIFFERENCE] = number(Estimate(**check["difference"]), 2)
+        rows.append(row | {"choice": each["choice"], "stopped by": each["stopped_by"]})
+    formats = {"default": ".2f", "best": ".2f", "CPU min": ".1f", "CPU min there": ".1f"}
+    return Table(CHOICES, "Default and tuned settings", pd.DataFrame(rows), formats, _NOTE)
+
+
+def _ranges(found: list[dict[str, Any]]) -> Table:
+    """One row a setting: where it was varied, and what was best."""
+    rows = []
+    for each in found:
+        agent = TunedAgentConfig.model_validate(each["agent"])
+        for name, within in (*agent.ranges.items(), *agent.choices.items()):
+            text = ", ".join(map(_yaml, within)) if isinstance(within, list) else str(within)
+            best = each["best"] or {}
+            rows.append(
+                {
+                    "agent": f"`{agent.name}`",
+                    "setting": f"`{name}`",
+                    "tried": text,
+                    "default": _yaml(each["default"][name]),
+                    "best": _yaml(best[name]) if name in best else "",
+                    "chosen": _yaml(each["settings"][name]),
+                }
+            )
+    return Table("ranges", "What was varied", pd.DataFrame(rows))
+
+
+def _tries(found: dict[str, Any]) -> Table:
+    """One row a try."""
+    rows = [
+        {
+            "try": k,
+            **{name: _yaml(value) for name, value in made["settings"].items()},
+            "motions per reach": made["objective"],
+            "worlds": len(made["worlds"]),
+            "CPU s": made["cpu_seconds"],
+            "outcome": made["state"],
+        }
+        for k, made in enumerate(found["tries"])
+    ]
+    name = found["agent"]["name"]
+    formats = {"motions per reach": ".2f", "CPU s": ".1f"}
+    return Table(name, f"Tries of {name}", pd.DataFrame(rows), formats, f"Stopped by {found['stopped_by']}.")

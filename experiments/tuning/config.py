@@ -10,12 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 
 import agents
 from experiments.config.life import EvaluationConfig
-from experiments.config.loading import (
-    load_as,
-    read_mapping,
-    read_yaml,
-    unbuildable_environments,
-)
+from experiments.config.loading import load_as, read_mapping, read_yaml, unbuildable_environments
 from experiments.config.model import Model, distinctly_named, known, one_of
 from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
@@ -35,8 +30,6 @@ class RangeConfig(Model):
     """The numbers that a setting may have; whole ones, where both ends are whole.
 
     Attributes:
-        low: The least.
-        high: The largest.
         log: Whether factors count, and not differences.
     """
 
@@ -75,11 +68,8 @@ class TunedAgentConfig(Model):
     """An agent, and what is varied of it.
 
     Attributes:
-        name: As `agents.make` knows it.
         scenario: In which of the scenarios it lives.
         settings: What is not varied, and is not as by default either.
-        ranges: Of numbers, by setting.
-        choices: Of other settings.
     """
 
     name: Annotated[str, known(agents.names)]
@@ -115,7 +105,6 @@ class TuningScenarioConfig(ScenarioConfig):
     """Lifetimes in which settings are judged, in so many worlds.
 
     Attributes:
-        evaluation: When the agent is scored on held-out trials.
         worlds: In which each try is made.
         check_worlds: Other ones, in which the best settings are compared with the default ones.
     """
@@ -165,11 +154,7 @@ class TuningConfig(Model):
         return value
 
     def only(self, names: list[str]) -> "TuningConfig":
-        """The same for some of its agents.
-
-        Raises:
-            ValueError: One of them is not tuned here.
-        """
+        """The same for some of its agents."""
         for name in names:
             try:
                 one_of(name, tuple(agent.name for agent in self.agents))
@@ -199,11 +184,7 @@ class TuningConfig(Model):
 
 
 def load_tuning(path: Path, overrides: Sequence[str] = ()) -> TuningConfig:
-    """Reads and validates a configuration.
-
-    Raises:
-        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
-    """
+    """Reads and validates a configuration."""
     return load_as(TuningConfig, path, overrides, partial(_wrong_in, folder=path.parent))
 
 

@@ -10,14 +10,106 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import Trial, TrialState
 
 from experiments.errors import ConfigError
 from experiments.running.process import OVER_BUDGET, Worker, lent_worker
 from experiments.running.results_folder import RUN, TIMINGS, TRIALS, leaves, read_json, write_whole
 from experiments.running.run import LifetimeRun, runs_of
 from experiments.statistics import mean_estimate
-from experiments.tuning.config import TunedAgentConfig, TuningConfig
-from experiments.tuning.study import Study, Try
+from experiments.tuning.config import RangeConfig, TunedAgentConfig, TuningConfig
+
+DIGITS = 3
+"""Of numbers that are tried: so the published ones are those that were used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Try:
+    """Some settings, and what they came to.
+
+    Attributes:
+        state: "complete"; "pruned": given up after some worlds, where it was worse than the median of earlier
+            tries; "out of time": the agent's CPU time ran out; "failed": the agent raised an error, which
+            counts as worst; "repeated": settings of an earlier try, whose result holds.
+    """
+
+    settings: dict[str, Any]
+    state: str
+    objective: float | None
+    worlds: tuple[float, ...]
+    cpu_seconds: float
+    error: str | None = None
+
+
+class Study:
+    """Says what to try next.
+
+    Args:
+        agent: Whose settings are varied. Try 0 is that of the default ones.
+        seed: Of the sampler, a tree-structured Parzen estimator (Bergstra et al. 2011).
+    """
+
+    def __init__(self, agent: TunedAgentConfig, seed: int):
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self.tries: list[Try] = []
+        self._defaults, self._choices, self._seed = agent.defaults(), agent.choices, seed
+        self._distributions: dict[str, BaseDistribution] = {
+            **{name: _numbers(found) for name, found in agent.ranges.items()},
+            **{name: CategoricalDistribution(_texts(found)) for name, found in agent.choices.items()},
+        }
+        self._study = optuna.create_study(pruner=optuna.pruners.MedianPruner())
+        texts = {name: json.dumps(self._defaults[name]) for name in self._choices}
+        self._study.enqueue_trial(self._defaults | texts)
+
+    @property
+    def best(self) -> Try | None:
+        """The one with the least objective, the first of equal ones; None where none was made whole."""
+        whole = [(each.objective, k) for k, each in enumerate(self.tries) if each.objective is not None]
+        return self.tries[min(whole)[1]] if whole else None
+
+    def begin(self) -> tuple[Trial, dict[str, Any]]:
+        """The next try, and its settings."""
+        k = len(self.tries)
+        seed = np.random.SeedSequence(self._seed, spawn_key=(k,)).generate_state(1)[0]
+        self._study.sampler = optuna.samplers.TPESampler(seed=int(seed))
+        trial = self._study.ask(self._distributions)
+        return trial, self._settings(trial.params) if k else self._defaults
+
+    def end(self, trial: Trial, found: Try) -> None:
+        """Says what came of a try."""
+        self.tries.append(found)
+        if found.objective is not None:
+            self._study.tell(trial, found.objective)
+        else:
+            out_of_time = found.state == "out of time"
+            self._study.tell(trial, state=TrialState.FAIL if out_of_time else TrialState.PRUNED)
+
+    def earlier(self, settings: dict[str, Any]) -> Try | None:
+        """The try of the same settings, if there was one: its result would come again."""
+        return next((each for each in self.tries if each.settings == settings), None)
+
+    def _settings(self, suggested: dict[str, Any]) -> dict[str, Any]:
+        return {
+            name: json.loads(value)
+            if name in self._choices
+            else value
+            if isinstance(value, int)
+            else float(f"{value:.{DIGITS}g}")
+            for name, value in suggested.items()
+        }
+
+
+def _numbers(found: RangeConfig) -> BaseDistribution:
+    if found.whole:
+        return IntDistribution(int(found.low), int(found.high), log=found.log)
+    return FloatDistribution(float(found.low), float(found.high), log=found.log)
+
+
+def _texts(choices: list[Any]) -> list[str]:
+    """Choices as JSON, as Optuna keeps texts and numbers only."""
+    return [json.dumps(choice) for choice in choices]
 
 
 class LostError(Exception):
@@ -25,13 +117,7 @@ class LostError(Exception):
 
 
 class Lived(NamedTuple):
-    """What a lifetime came to.
-
-    Attributes:
-        value: See `motions_per_reach`; None where it failed, or its CPU time ran out.
-        error: What it failed with.
-        cpu_seconds: That it took.
-    """
+    """What a lifetime came to: see `motions_per_reach`; None where it failed, or its CPU time ran out."""
 
     value: float | None
     error: str | None
@@ -39,27 +125,14 @@ class Lived(NamedTuple):
 
 
 class Lifetimes:
-    """Lets workers make lifetimes, several at a time from several threads.
-
-    Args:
-        versions: Of which code and packages workers are made.
-    """
+    """Lets workers of some versions make lifetimes, several at a time from several threads."""
 
     def __init__(self, versions: dict[str, str]) -> None:
         self._versions = versions
         self._at_work: set[Worker] = set()
 
     def make(self, run: LifetimeRun, cpu_seconds: float, log: Path) -> Lived:
-        """Makes a lifetime, and keeps nothing else of it.
-
-        Args:
-            run: The lifetime.
-            cpu_seconds: That it may take.
-            log: What it prints is appended to this file.
-
-        Raises:
-            LostError: The worker was stopped, or died.
-        """
+        """Makes a lifetime, and keeps nothing else of it; what it prints is appended to `log`."""
         with (
             lent_worker(self._versions) as worker,
             TemporaryDirectory(ignore_cleanup_errors=True) as name,
@@ -105,24 +178,9 @@ class DefaultsFailError(Exception):
 class Tuner:
     """Tunes one agent.
 
-    Attributes:
-        name: The agent's.
-
     Its journal holds, one a line, what defines the tries, and what each lifetime came to. All else follows
-    from these, so that a tuner that was killed and started again makes the same tries.
-
-    Args:
-        config: Worlds and budgets.
-        agent: The agent.
-        folder: Keeps the journal and what workers print.
-        make: See `Lifetimes.make`.
-        versions: Of the code and the packages; a journal of other ones is refused.
-        commit: Is published.
-        say: Shows a line.
-
-    Raises:
-        ConfigError: The folder has a journal of this agent by other code or of another configuration, or a
-            damaged one.
+    from these, so that a tuner that was killed and started again makes the same tries. The folder keeps the
+    journal and what workers print; lifetimes are made by `make`, see `Lifetimes.make`.
     """
 
     config: TuningConfig
@@ -170,15 +228,7 @@ class Tuner:
         write_whole(self._journal, "\n".join([*lines, ""]))
 
     def tune(self) -> dict[str, Any]:
-        """Makes what is left of the tries and of the check.
-
-        Returns:
-            What is published, as JSON has it.
-
-        Raises:
-            DefaultsFailError: There is nothing to compare with.
-            LostError: A worker was stopped, or died; what has finished is kept.
-        """
+        """Makes what is left of the tries and of the check; returns what is published, as JSON has it."""
         if not self._lived:
             self.say(f"{self.name}: at most {self.config.tries} tries {self._size()}")
         while (stopped_by := self._stopped_by()) is None:

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
-from experiments.config.in_words import Knock
-from experiments.config.suite import AgentConfig, ScenarioConfig
+from experiments.config.suite import ScenarioConfig
 from experiments.reporting.by_trial import (
     COARSE,
     FINE,
@@ -21,10 +20,11 @@ from experiments.reporting.by_trial import (
     seconds_per_reach,
     slowest_seconds,
     span,
-    trial_curves,
+    trial_picture,
     with_seconds,
 )
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
+from tests.experiments.reporting.made_up import finished_suite
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}
@@ -125,20 +125,18 @@ def test_runs_without_a_row_are_worst():
 def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
     of = scenario(6, 3)
     own, edges = own_trials(of, 1, *((0, trial, 6 - trial, True) for trial in range(6))), edges_of(of, FINE)
-    agent = AgentConfig(name="memory", label="servo")
-    found = own.blocks("servo", MOTIONS, edges)
-    figure = trial_curves(
-        "s", [(agent, found, {"color": "#112233"})], 20, [Knock(3, "a lens"), Knock(0, "noise")], "1 world."
-    )
+    agents = [{"name": "memory", "label": "servo"}]
+    suite = {"name": "s", "question": "?", "worlds": 1, "evaluation": None, "agents": agents}
+    figure = trial_picture(finished_suite({**suite, "scenarios": [of.model_dump()]}), own)
     (axes,) = figure.axes
     alone, curve, event, *_ = axes.lines
-    assert curve.get_color() == "#112233"
+    assert figure.get_suptitle().splitlines() == ["Motions per reach (a failure counts as 20)"]
     np.testing.assert_array_equal(alone.get_xydata(), curve.get_xydata())
     assert list(edges) == [0, 1, 3, 4, 6]
     np.testing.assert_array_equal(curve.get_xydata(), [[0.5, 6], [1.5, 4.5], [2.5, 3], [3.5, 1.5]])
     assert list(event.get_xdata()) == [2, 2]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2–3", "4", "5–6"]
-    assert [text.get_text() for text in axes.texts] == ["a lens", "servo"]
+    assert [text.get_text() for text in axes.texts] == ["a camera: another\nlens", "servo"]
     plt.close(figure)
 
 

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 
 from experiments.reporting.figures import STYLE, LineEnd, label_lines, say
 from experiments.reporting.tables import Table
-from experiments.studies.speed.motions import by_rows, ratios
+from experiments.studies.speed.motions import Line, by_rows, ratios, written
 from experiments.studies.speed.peers import Peer, beside
-from experiments.studies.speed.timing import Line, written
 from experiments.studies.speed.waits import lines
 
 ROUNDS = 60
@@ -29,12 +28,7 @@ _COLOURS = {"kinematic": "#003F8F", "physics": "#B84300"}
 def tables(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Iterator[Table]:
     """What takes how long; and motions a second, by how many arms move at once.
 
-    Args:
-        peers: As "PYTHON=ENV_ID".
-        rounds: Pairs that are timed, of what is quick; of what is slow, fewer.
-
-    Raises:
-        ConfigError: A peer cannot be had.
+    Pairs are timed so many times, of what is slow fewer.
     """
     machine: dict[str, Any] = {"cores": os.cpu_count(), "python": platform.python_version()}
     machine |= {name: version(name) for name in PACKAGES}

@@ -1,13 +1,17 @@
-"""How long a motion takes, beside MuJoCo alone on the same model over the same substeps."""
+"""Times as ratios, both sides in turns; how long a motion takes, beside MuJoCo alone on the same model.
+
+In turns a drifting machine cancels.
+"""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import mujoco
@@ -20,7 +24,77 @@ from calfree_gym import Arm
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.studies.common import REACH, arms_of_tests
-from experiments.studies.speed.timing import Line, Timer, in_turns, pinned, timer
+
+Timer = Callable[[], float]
+"""Does something once, and tells the seconds that one unit of it took."""
+
+
+class Line(NamedTuple):
+    """One line of the table.
+
+    Attributes:
+        what: What took so long, and beside what.
+        seconds: Of one unit, the median over rounds.
+        beside: Of the other side, if there is one.
+        ratio: Median over rounds of the other's time by ours: how many times as fast we are.
+        required: The least ratio that the project asks of itself, if it asks.
+    """
+
+    what: str
+    seconds: float
+    beside: float | None = None
+    ratio: float | None = None
+    required: float | None = None
+
+
+def alone(what: str, timer: Timer, rounds: int) -> Line:
+    """What is beside nothing."""
+    return Line(what, float(np.median([timer() for _ in range(rounds)])))
+
+
+def in_turns(what: str, ours: Timer, other: Timer, rounds: int, required: float | None = None) -> Line:
+    """Both in turns."""
+    seconds = np.array([(ours(), other()) for _ in range(rounds)])
+    ratio = float(np.median(seconds[:, 1] / seconds[:, 0]))
+    mine, others = np.median(seconds, axis=0)
+    return Line(what, float(mine), float(others), ratio, required)
+
+
+def timer(
+    function: Callable[[], object], units: float, clock: Callable[[], float] = time.perf_counter
+) -> Timer:
+    """Seconds of a unit, where a call makes so many of them."""
+
+    def seconds() -> float:
+        start = clock()
+        function()
+        return (clock() - start) / units
+
+    return seconds
+
+
+def written(seconds: float | None) -> str:
+    """With two digits and more, in the unit in which they are easiest to read."""
+    if seconds is None:
+        return ""
+    units = ((1e-6, "µs"), (1e-3, "ms"), (1.0, "s"))
+    unit, name = next((each for each in units if seconds < 999.5 * each[0]), units[-1])
+    return f"{seconds / unit:.{1 if seconds < 9.95 * unit else 0}f} {name}"
+
+
+@contextmanager
+def pinned(cores: int) -> Iterator[None]:
+    """Holds the process to this many cores, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, set(sorted(before)[:cores]))
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
 
 GRASP = "calfree_gym:CalFree/Grasp-v0"
 FREE, HELD = "jaws free", "object held"
@@ -67,7 +141,7 @@ def _single(rounds: int, truth: bool, required: float | None = None, sensors: bo
     model = bare_model()
     if not sensors:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-    bare = _bare(model, mujoco.MjData(model), motions * SUBSTEPS)
+    bare = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)
     ours, other = "" if truth else ", truth=False", "" if sensors else " without sensors"
     what = f"a motion of one arm{ours} / mj_step{other}"
     with pinned(1):
@@ -75,12 +149,14 @@ def _single(rounds: int, truth: bool, required: float | None = None, sensors: bo
         return in_turns(what, moving, timer(bare, motions), rounds, required)
 
 
-def _bare(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Callable[[], None]:
-    def bare() -> None:
-        for _ in range(substeps):
-            mujoco.mj_step(model, data)
+def repeated(function: Callable[[], object], times: int) -> Callable[[], None]:
+    """Calls a function so many times."""
 
-    return bare
+    def calls() -> None:
+        for _ in range(times):
+            function()
+
+    return calls
 
 
 def _batched(
@@ -92,12 +168,7 @@ def _batched(
 ) -> Line:
     """256 rows on all cores."""
     rows, motions = 256, 4
-    batch = Batch(bare_model(arm), rows)
-
-    def bare() -> None:
-        for _ in range(motions):
-            batch.step(nstep=SUBSTEPS)
-
+    bare = repeated(partial(Batch(bare_model(arm), rows).step, nstep=SUBSTEPS), motions)
     ours = stepping(rows, motions, truth=truth, **({} if arm is None else {"arm": arm}))
     what = f"a motion of {rows} rows{'' if truth else ', truth=False'} / Batch.step{named}"
     return in_turns(what, timer(ours, motions), timer(bare, motions), rounds, required)
@@ -114,12 +185,7 @@ def _kinematic(
     """1,024 rows of kinematic dynamics, on one thread or (0) all."""
     rows, motions = 1024, 60
     batch = Batch(bare_model(arm, mount), rows, nthread=threads)
-    stage = int(mujoco.mjtStage.mjSTAGE_POS)
-
-    def bare() -> None:
-        for _ in range(motions):
-            batch.forward(stage=stage)
-
+    bare = repeated(partial(batch.forward, stage=int(mujoco.mjtStage.mjSTAGE_POS)), motions)
     of = {} if arm is None else {"arm": arm}
     chosen: dict[str, Any] = {"truth": False, "threads": threads, "camera_mount": mount, **of}
     ours = stepping(rows, motions, dynamics="kinematic", **chosen)
@@ -181,7 +247,8 @@ def grasping(rounds: int, rows: int = 64, motions: int = 6, bare_steps: int = 50
         for state, make in ((FREE, _free), (HELD, _holding)):
             env = make(arguments)
             batch = env.arms.simulation._batch
-            bare = timer(_bare(batch.get_model(0), batch.get_data(0), bare_steps), bare_steps)
+            step = partial(mujoco.mj_step, batch.get_model(0), batch.get_data(0))
+            bare = timer(repeated(step, bare_steps), bare_steps)
             what = f"a substep of grasping, {state} / mj_step"
             yield in_turns(what, _moving(env, WORDS[state], motions), bare, rounds, BESIDE_MUJOCO[state])
     mine, other = (gym.make_vec(GRASP, rows, max_episode_steps=10**9, **arguments) for _ in range(2))

@@ -16,9 +16,8 @@ from calfree_gym.robot.simulation import SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
 from experiments.errors import ConfigError
 from experiments.studies.speed import peer_worker
-from experiments.studies.speed.motions import bare_model, stepping
+from experiments.studies.speed.motions import Line, bare_model, in_turns, pinned, stepping, timer
 from experiments.studies.speed.peer_worker import SHARE, reached_by_ppo
-from experiments.studies.speed.timing import Line, in_turns, pinned, timer
 
 WORKER = Path(peer_worker.__file__)
 WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic"}
@@ -62,17 +61,8 @@ def _given_up(found: dict[str, Any]) -> str:
 class Peer:
     """An environment in a process of its own, which steps only while it is being timed.
 
-    Attributes:
-        env_id: Its Gymnasium id.
-        substeps: Physics substeps in a step; None where they are not known.
-        timestep: Simulated seconds in a substep; None where they are not known.
-        versions: Of its interpreter and packages.
-
-    Args:
-        spec: "PYTHON=ENV_ID": an interpreter that has the environment, and the id, "module:Id" included.
-
-    Raises:
-        ConfigError: There is no such interpreter or environment; repeats its message.
+    "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" included. Substeps of a step,
+    and their seconds, are None where they are not known.
     """
 
     def __init__(self, spec: str) -> None:
@@ -115,19 +105,11 @@ class Peer:
         self._said.close()
 
     def seconds(self, steps: int) -> float:
-        """Makes this many environment steps; returns the seconds that they took.
-
-        Raises:
-            ConfigError: The environment failed, or its process ended.
-        """
+        """Makes this many environment steps; returns the seconds that they took."""
         return float(self._asked(str(steps))["seconds"])
 
     def reached_by_ppo(self) -> dict[str, Any]:
-        """What `peer_worker.reached_by_ppo` returns.
-
-        Raises:
-            ConfigError: The environment failed, or its process ended.
-        """
+        """What `peer_worker.reached_by_ppo` returns."""
         found: dict[str, Any] = self._asked("ppo")
         return found
 

@@ -24,8 +24,17 @@ from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.sb3 import make_sb3_env
 from experiments.studies.common import REACH, arms_of_tests
-from experiments.studies.speed.motions import SEVEN_MOTORS, stepping
-from experiments.studies.speed.timing import Line, Timer, alone, in_turns, pinned, timer
+from experiments.studies.speed.motions import (
+    SEVEN_MOTORS,
+    Line,
+    Timer,
+    alone,
+    in_turns,
+    pinned,
+    repeated,
+    stepping,
+    timer,
+)
 
 KINEMATIC: dict[str, Any] = {"dynamics": "kinematic", "truth": False}
 SMALL = 84
@@ -99,12 +108,7 @@ def _trials(rows: int, **arguments: Any) -> Timer:
         REACH, rows, threads=1, max_episode_steps=TRIAL, terminate_on_success=False, **KINEMATIC, **arguments
     )
     envs.reset(seed=0)
-    words = np.zeros(envs.action_space.shape or (), np.float32)
-
-    def move() -> None:
-        for _ in range(2 * TRIAL):
-            envs.step(words)
-
+    move = repeated(partial(envs.step, np.zeros(envs.action_space.shape or (), np.float32)), 2 * TRIAL)
     for _ in range(20 * POOL // rows if arguments == _OF_POOL else 1):
         move()  # each world of the pool is met for the first time
     return timer(move, 2 * TRIAL, time.process_time)

@@ -10,6 +10,7 @@ from tests.agents.neural.quick import QUICK
 from tests.experiments.fakes import AIM, ids, runs
 
 PPO = {"name": "ppo", "settings": {**QUICK["ppo"], "rows": 64}}
+HALF, DECADES, CHANGE = {"share": 0.5}, {"per_decade": 1}, "scenarios.0.perturbations.0.at"
 
 
 @pytest.fixture
@@ -95,29 +96,11 @@ def test_an_event_that_a_shorter_life_never_reaches_is_refused(lives, refused):
 @pytest.mark.parametrize(
     ("motions", "when", "evaluation", "where", "said"),
     [
-        (
-            240,
-            {"share": 0.5},
-            {"per_decade": 1},
-            "agents.0.motions",
-            "a life of 240 motions; allowed: 128 or 256",
-        ),
-        (
-            192,
-            {"share": 0.5},
-            {"per_decade": 1},
-            "scenarios.0.perturbations.0.at",
-            "share 0.5 of 192 motions is motion 96; allowed: lives of 128 or 256",
-        ),
-        (256, {"share": 0.5}, {"every": 40}, "evaluation.every", "found 40; allowed: 64"),
-        (256, {"share": 0.5}, {"at": [0, 100]}, "evaluation.at", "found 100; allowed: 64 or 128"),
-        (
-            256,
-            {"motion": 70},
-            {"per_decade": 1},
-            "scenarios.0.perturbations.0.at",
-            "motion 70; allowed: 64 or 128",
-        ),
+        (240, HALF, DECADES, "agents.0.motions", "a life of 240 motions; allowed: 128 or 256"),
+        (192, HALF, DECADES, CHANGE, "share 0.5 of 192 motions is motion 96; allowed: lives of 128 or 256"),
+        (256, HALF, {"every": 40}, "evaluation.every", "found 40; allowed: 64"),
+        (256, HALF, {"at": [0, 100]}, "evaluation.at", "found 100; allowed: 64 or 128"),
+        (256, {"motion": 70}, DECADES, CHANGE, "motion 70; allowed: 64 or 128"),
     ],
 )
 def test_what_is_no_multiple_of_the_rows_is_refused_with_what_is_near(

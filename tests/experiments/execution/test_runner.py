@@ -222,7 +222,7 @@ def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config
 def test_where_nothing_can_be_written_nothing_is_begun(command, finished, capsys, monkeypatch):
     """/proc takes no folder of anybody, however mighty."""
     config, done = finished
-    for begins in ("execution.pending.write_pending", "film.command.requirements", "studies.measure"):
+    for begins in ("execution.pending.write_pending", "film.command.Screen", "studies.measure"):
         monkeypatch.setattr(f"experiments.{begins}", None)
     what = {"run": config, "film": REPOSITORY / "configs/film.yaml", "benchmark": "speed"}.get(command, done)
     out = "/proc/xx/speed.json" if command == "benchmark" else "/proc/xx"

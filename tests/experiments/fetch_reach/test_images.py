@@ -6,7 +6,7 @@ import torch
 
 from calfree_gym import Perturb
 from experiments.fetch_reach.environment import CAMERA, fetch
-from experiments.fetch_reach.pixels import CELLS, images_of, shares_around
+from experiments.fetch_reach.policies import CELLS, images_of, shares_around
 
 
 @pytest.mark.slow

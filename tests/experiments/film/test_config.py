@@ -6,7 +6,7 @@ import pytest
 
 from experiments.config.requirements import requirements
 from experiments.errors import ConfigError
-from experiments.film.config import GifConfig, load_film
+from experiments.film.command import GifConfig, load_film
 
 ROOT = Path(__file__).parents[3]
 
@@ -75,7 +75,7 @@ def test_learners_of_many_arms_are_refused(film_data, write_config, monkeypatch)
     def of_four(agent, env):
         return requirements(agent, env)._replace(rows=4)
 
-    monkeypatch.setattr("experiments.film.config.requirements", of_four)
+    monkeypatch.setattr("experiments.film.command.requirements", of_four)
     with pytest.raises(ConfigError, match=r"agent: 'unified_servo' learns from 4 arms at once; a film shows"):
         load_film(write_config(film_data))
 

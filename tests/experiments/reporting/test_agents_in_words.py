@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 import agents
 from experiments.config.loading import read_yaml
 from experiments.config.suite import AgentConfig
-from experiments.reporting.agents_in_words import colour, in_words, lines_of
+from experiments.reporting.figures import colour, in_words, lines_of
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 SUITES = [path for path in sorted(CONFIGS.glob("*.yaml")) if "agents" in read_yaml(path)]

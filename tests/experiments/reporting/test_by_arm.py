@@ -9,8 +9,7 @@ import yaml
 from experiments.__main__ import main
 from experiments.reporting import by_trial
 from experiments.reporting.by_trial import many_arms, own_trials
-from experiments.reporting.results_file import read_finished
-from experiments.running.finished import RESULTS
+from experiments.reporting.results_file import RESULTS, read_finished
 from tests.arms.own import MODELS
 
 

@@ -7,9 +7,8 @@ import scipy.stats
 
 from experiments.config.suite import SweepConfig
 from experiments.reporting.by_trial import own_trials, trial_section
-from experiments.reporting.distance import FAR_MM, distances
-from experiments.reporting.held_out import held_out
-from experiments.reporting.held_out_section import held_out_sections
+from experiments.reporting.finished_suite import FAR_MM, distances
+from experiments.reporting.held_out import held_out, held_out_sections
 from experiments.reporting.pages import Head, markdown_page
 from experiments.reporting.sweep import sweep_sections, swept
 from experiments.statistics import mean_share
@@ -66,7 +65,7 @@ def test_held_out_trials_tell_how_far(trials, tmp_path, monkeypatch):
     suite = SUITE | {"scenarios": [scenario], "evaluation": {"every": 500, "trials": 10}}
     monkeypatch.chdir(tmp_path)
     finished = finished_suite(suite, rows(trials, scenario="home", lifetime_motions=500))
-    sections = held_out_sections(finished, held_out(finished, finished.suite.scenarios[0]))
+    sections = held_out_sections(finished, held_out(finished, finished.suite.scenarios[0]), {})
     frame = shown(sections)
     assert frame.iloc[0, :2].tolist() == ["paper_servo", "at the end"]
     assert row(frame, 0) == told(trials)

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 import agents
-from experiments.reporting.agents_in_words import in_words
+from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import about, few_worlds
-from experiments.reporting.head import head_part, sentences, table_of
+from experiments.reporting.head import sentences, table_of
 from experiments.reporting.held_out import held_out
 from tests.experiments.reporting.made_up import finished_suite, results
 
@@ -77,7 +77,7 @@ def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished,
     (aimed,) = suite_data["scenarios"]
     calm = {**aimed, "name": "calm", "perturbations": []}
     of = finished(*five(), scenarios=[calm, aimed])
-    assert head_part(of).name == "aimed"
+    assert of.head_part.name == "aimed"
     of = finished(*five(), scenarios=[calm])
     table = head_table(of)
     assert table.header[2] == "motions per reach at the end"
@@ -123,7 +123,7 @@ def both(finished):
 
 
 def head_table(finished):
-    part = head_part(finished)
+    part = finished.head_part
     return table_of(finished, part, held_out(finished, part))
 
 

@@ -10,8 +10,16 @@ import scipy.stats
 from experiments.config.suite import ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial import Blocks
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
-from experiments.reporting.held_out import HeldOut, differences, moments, scores, times_to_good, with_clocks
-from experiments.reporting.held_out_section import comparison_section, shown_clocks
+from experiments.reporting.held_out import (
+    HeldOut,
+    comparison_section,
+    differences,
+    moments,
+    scores,
+    shown_clocks,
+    times_to_good,
+    with_clocks,
+)
 from experiments.reporting.sweep import points
 from tests.experiments.reporting.made_up import CAP, finished_suite, results
 
@@ -206,24 +214,15 @@ def is_of_successes_alone(estimate):
     assert estimate.high == 1
 
 
-def test_the_interval_in_the_table_of_moments(scenario):
+def test_intervals_in_tables_of_moments_blocks_and_sweeps(scenario):
     of_worlds = [(world, 300, None, True, int(motions)) for world, motions in enumerate(MOTIONS_OF_WORLD)]
-    found = moments(table(scenario, *of_worlds), WORLDS, CAP)["at the end"]
-    is_of_the_median(found.motions)
-    is_of_the_median(found.among_reached)
-    is_of_successes_alone(found.success)
-
-
-def test_the_interval_in_the_table_of_blocks():
-    (found,) = Blocks(np.array([0.0, 1.0]), MOTIONS_OF_WORLD[:, None], shares=False).estimates()
-    is_of_the_median(found)
-
-
-def test_the_interval_in_the_table_of_a_sweep():
+    moment = moments(table(scenario, *of_worlds), WORLDS, CAP)["at the end"]
+    (block,) = Blocks(np.array([0.0, 1.0]), MOTIONS_OF_WORLD[:, None], shares=False).estimates()
     env = {"id": "CalFree/Reach-v0", "world": "nominal", "max_episode_steps": CAP}
     sweep = SweepConfig(name="aimed", env=env, do={"type": "camera_roll"}, vary="degrees", over=(0,))
     rows = results("world motions", enumerate(MOTIONS_OF_WORLD), value=0.0)
-    (found,) = points(with_cost(rows, sweep), sweep, "servo", WORLDS)
-    is_of_the_median(found.motions)
-    is_of_the_median(found.among_reached)
-    is_of_successes_alone(found.success)
+    (point,) = points(with_cost(rows, sweep), sweep, "servo", WORLDS)
+    for found in (moment.motions, moment.among_reached, block, point.motions, point.among_reached):
+        is_of_the_median(found)
+    for found in (moment.success, point.success):
+        is_of_successes_alone(found)

@@ -14,7 +14,7 @@ from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting import keep as module
 from experiments.reporting import kept_tables
-from experiments.reporting.agents_in_words import colour
+from experiments.reporting.figures import colour
 from experiments.reporting.keep import fewer_colours, keep, keep_benchmark
 from experiments.reporting.kept_tables import KEPT, tables_named
 from experiments.reporting.results_file import gather
@@ -117,10 +117,7 @@ def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_
         ({"commit": f"{COMMIT}+"}, "out was made by files that no commit has"),
         ({"commit": f"{COMMIT}, {COMMIT}+"}, "out was made by files that no commit has"),
         ({"commit": "unknown"}, "out was made by files that no commit has"),
-        (
-            {"command": "python -m experiments run a.yaml --out DIR --set worlds=2"},
-            r"changed by --set \(python .* worlds=2\)",
-        ),
+        ({"command": "python run a.yaml --set worlds=2"}, r"changed by --set \(python .* worlds=2\)"),
     ],
 )
 def test_what_cannot_be_made_again_is_not_kept(committed, tmp_path, spoil, said):

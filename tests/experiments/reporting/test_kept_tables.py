@@ -11,7 +11,7 @@ import agents
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting import kept_tables
-from experiments.reporting.agents_in_words import in_words
+from experiments.reporting.figures import in_words
 from experiments.reporting.kept_tables import outdated, pages, tables_named
 from experiments.reporting.tables import Table, must_know
 

@@ -7,10 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from experiments.reporting.agents_in_words import colour, in_words
-from experiments.reporting.figures import spread
+from experiments.reporting.figures import colour, in_words, spread
 from experiments.reporting.held_out import held_out
-from experiments.reporting.held_out_section import learning_picture
+from experiments.reporting.learning_picture import learning_picture
 from tests.experiments.reporting.made_up import CAP, finished_suite, results
 
 # Motions of a life; motions per reach at first, right after the knock and in the end; and by how many motions

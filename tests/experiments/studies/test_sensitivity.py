@@ -9,10 +9,9 @@ import agents
 from agents.servo.image_model.gaussian_process import GaussianProcess
 from agents.servo.jacobian import Kalman
 from agents.servo.perception import NoiseEstimate
-from experiments.__main__ import main
 from experiments.statistics import Estimate
 from experiments.studies import sensitivity
-from experiments.studies.sensitivity import COLUMNS, CONDITIONS, VERDICTS, Sizes, judged, verdict
+from experiments.studies.sensitivity import COLUMNS, VERDICTS, Sizes, judged, verdict
 
 FOUND = {agent: sensitivity.constants_of(agent) for agent in sensitivity.MODULES}
 EVERY = [each for found in FOUND.values() for each in found]
@@ -215,15 +214,6 @@ def test_an_error_in_a_variation_is_told(monkeypatch):
             raise ValueError("no")
         return np.ones((1, 2))
 
-    monkeypatch.setitem(CONDITIONS["unified_servo"], "first trials", (fails, lambda sizes: {}))
+    monkeypatch.setattr(sensitivity, "measured", fails)
     found = sensitivity.clearest(sensitivity.effects(2, TINY, ("probe_px",), jobs=1))
     assert set(found["verdict"]) == {"raises an error"}
-    assert set(found["condition"]) == {"first trials"}
-
-
-def test_the_command_prints_the_table(measured, monkeypatch, capsys):
-    monkeypatch.setattr(sensitivity, "effects", lambda worlds, sizes: measured)
-    assert main(["benchmark", "sensitivity"]) == 0
-    out = capsys.readouterr().out
-    assert out.count("HomeView.SIGMAS") == 2
-    assert "changed cameras" in out

@@ -7,7 +7,7 @@ import pytest
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.studies import common, speed
-from experiments.studies.speed import Peer, motions, timing, waits
+from experiments.studies.speed import Peer, motions, waits
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_grasping_is_timed_with_free_jaws_and_holding():
 
 def test_the_ratio_is_of_pairs_in_turns():
     ours, other = iter((1.0, 2.0, 30.0)), iter((2.0, 8.0, 90.0))
-    line = timing.in_turns("", lambda: next(ours), lambda: next(other), 3)
+    line = motions.in_turns("", lambda: next(ours), lambda: next(other), 3)
     assert (line.seconds, line.beside, line.ratio) == (2, 8, 3)
 
 
@@ -94,4 +94,4 @@ def test_the_ratio_is_of_pairs_in_turns():
     ],
 )
 def test_times_are_written_in_the_unit_that_reads_best(seconds, said):
-    assert timing.written(seconds) == said
+    assert motions.written(seconds) == said

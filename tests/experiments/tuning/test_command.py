@@ -42,23 +42,6 @@ def without_times(path):
 
 
 @pytest.mark.slow
-def test_killed_it_goes_on_where_it_was(tuning_data, write_config, tmp_path):
-    config, out = write_config(tuning_data), tmp_path / "out"
-    process = start(config, out)
-    next(line for line in process.stdout if "try 0" in line)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert not (out / "jacobian_servo.json").exists()
-    done = subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True, text=True)
-    assert "try 0" not in done.stdout
-    assert "try 1" in done.stdout
-    published = json.loads((out / "jacobian_servo.json").read_text())
-    assert 0 < published["cpu_minutes"] < 1
-    assert published["tries"][0]["worlds"] != published["tries"][1]["worlds"]
-    assert f"{published['tries'][0]['objective']:.2f}" in (out / "report.md").read_text()
-
-
-@pytest.mark.slow
 def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, tmp_path):
     config, undisturbed = write_config(tuning_data), tmp_path / "undisturbed"
     begun = time.monotonic()

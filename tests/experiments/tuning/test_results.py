@@ -7,8 +7,8 @@ import yaml
 
 from experiments.errors import ConfigError
 from experiments.reporting.kept_tables import tables_named
+from experiments.tuning.command import SETTINGS, settings_file, write_agent, write_tables
 from experiments.tuning.config import TuningConfig
-from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
 from tests.experiments.tuning.conftest import KnownLifetimes, quadratic
 
 
