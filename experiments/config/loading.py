@@ -82,6 +82,8 @@ KINDS = (
 
 
 _EXTENDS = "extends"
+_MOST_BYTES = 2**24
+"""Of a YAML file. Choice: one has thousands."""
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
@@ -144,7 +146,9 @@ def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> Any:
-    """The plain values in a YAML file."""
+    """The plain values in a YAML file; what has no end, as a device, is none."""
+    if path.exists() and not (path.is_file() and path.stat().st_size <= _MOST_BYTES):
+        raise ConfigError(f"{path}: cannot be read; allowed: a file of at most {_MOST_BYTES} bytes")
     try:
         return read(path.read_text(encoding="utf-8"))
     except UnclearNumberError as error:
@@ -198,7 +202,10 @@ def _with_models_path(part: Any, folder: Path) -> Any:
 
 def _with_settings_file(agent: Any, folder: Path) -> Any:
     if isinstance(agent, dict) and isinstance(agent.get("settings"), str):
-        return {**agent, "settings": read_yaml(folder / agent["settings"])}
+        settings = read_yaml(folder / agent["settings"])
+        if isinstance(settings, str):  # it would be taken for the name of another file
+            raise ConfigError(f"{folder / agent['settings']}: found text; allowed: a mapping of settings")
+        return {**agent, "settings": settings}
     return agent
 
 

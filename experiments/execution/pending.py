@@ -20,6 +20,7 @@ from experiments.errors import ConfigError
 from experiments.running.process import end_idle_workers, lent_worker
 from experiments.running.results_folder import (
     LOG,
+    PENDING,
     RUN,
     RUNS,
     VERSIONS,
@@ -35,7 +36,6 @@ from experiments.running.versions import versions
 LOST = -1
 """The exit code of a worker of which nothing more is known than that it is gone."""
 _FAILED = 1
-_PENDING = ".attempts"
 _NOT_BEGUN = 0
 """When a pending run was changed last that no worker has begun, in ns: no clock says so."""
 _LOOK_EVERY = 1.0
@@ -44,7 +44,7 @@ _LOOK_EVERY = 1.0
 
 def pending_of(out: Path, run: str) -> Path:
     """The folder of a pending run, and of the workers that make it."""
-    return out / RUNS / _PENDING / run
+    return out / PENDING / run
 
 
 def target_of(pending: Path) -> Path:
@@ -121,7 +121,7 @@ def place(folder: Path) -> None:
 
 def discard(folder: Path) -> None:
     """Deletes a folder; whoever may still work in it finds it gone at once, not half there."""
-    root = next(parent for parent in folder.parents if parent.name == RUNS) / _PENDING
+    root = next(parent for parent in folder.parents if parent.name == RUNS).parent / PENDING
     root.mkdir(parents=True, exist_ok=True)
     rubbish = root / f".{uuid4().hex}"
     try:
@@ -133,7 +133,7 @@ def discard(folder: Path) -> None:
 
 def clear(out: Path) -> None:
     """Deletes all that is pending, also what a killed runner left behind."""
-    root = out / RUNS / _PENDING
+    root = out / PENDING
     for folder in list(root.glob("*")):
         discard(folder)
     shutil.rmtree(root, ignore_errors=True)

@@ -19,7 +19,7 @@ from rich.table import Table
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
-from experiments.errors import ConfigError
+from experiments.errors import ConfigError, printable
 from experiments.execution.pending import newest_folder, pending_of
 from experiments.reporting.results_file import RESULTS, TIMED, TIMES, read_about, read_times
 from experiments.running.results_folder import (
@@ -217,7 +217,7 @@ def _state(run: Run, out: Path, runner: bool) -> tuple[str, str]:
     if (folder / FAILED).exists():
         failure = read_json(folder / FAILED)
         last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
-        return "failed", f"exit code {failure['exit_code']}: {last} ({folder / LOG})"
+        return "failed", f"exit code {failure['exit_code']}: {printable(last)} ({folder / LOG})"
     begun = newest_folder(pending_of(out, run.id)) or folder
     if not (begun / RUN).exists():
         return "waiting", ""

@@ -52,6 +52,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, counted, number, percent, with_most, written
+from experiments.running.results_folder import FIGURES
 from experiments.statistics import Array, Estimate, mean_shares, medians, most_worlds
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -199,7 +200,7 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
                 summary += distance_rows(name, "by_trial", label, block, how_far)
     of_distances = distance_tables(name, scenario.env, ["trials", "agent"], far)
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
-    columns, folder = ["trials", "agent", "motions per reach", band, "rendezvous"], finished.out / "figures"
+    columns, folder = ["trials", "agent", "motions per reach", band, "rendezvous"], finished.out / FIGURES
     with_intervals = ["trials", "agent", "motions per reach", "rendezvous", "success"]
     return Section(
         title=f"{name}: trial by trial",
@@ -308,7 +309,7 @@ def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[
                 f"{counted(finished.fewest_worlds(first), 'world')}, the same for every agent."
                 f"{few_worlds(finished, first)}"
             ),
-            figures={"arms": save(figure, finished.out / "figures", "arms")},
+            figures={"arms": save(figure, finished.out / FIGURES, "arms")},
             tables=(Table.of("arms", "Agents by arms", columns, rows), *of_distances),
             note=_ARMS + HOW_FAR * len(of_distances),
             summary=summary,

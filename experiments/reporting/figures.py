@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import Bbox
 
+from calfree_gym.files import whole
 from experiments.config.suite import AgentConfig
 from experiments.reporting.pages import Drawing
 from experiments.statistics import ENOUGH_WORLDS, Array
@@ -164,8 +165,9 @@ def save(figure: Figure, folder: Path, name: str) -> Drawing:
     """Writes a figure as PNG and SVG, and returns it in the pieces of a page."""
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):
-        figure.savefig(folder / f"{name}.png", dpi=160)
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        for kind, options in (("png", {"dpi": 160}), ("svg", {"metadata": {"Date": None}})):
+            with whole(folder / f"{name}.{kind}") as file:
+                figure.savefig(file, format=kind, **options)
         found = _in_pieces(figure)
     plt.close(figure)
     return found

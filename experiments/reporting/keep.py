@@ -11,8 +11,9 @@ from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.kept_tables import read_kept, write_page
 from experiments.reporting.pages import MARKDOWN, PAGE
-from experiments.reporting.report import FILMS, write_report
+from experiments.reporting.report import films_in, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
+from experiments.running.results_folder import FIGURES
 from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 256
@@ -33,11 +34,11 @@ def keep(out: Path, kept: Path) -> Path:
     partial, old = (kept / f".{target.name}.{what}" for what in ("partial", "old"))
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for name in (RESULTS, TIMES, *(film for film in FILMS if (out / film).exists())):
-        shutil.copyfile(out / name, partial / name)
+    for path in (out / RESULTS, out / TIMES, *films_in(out)):
+        shutil.copyfile(path, partial / path.name)
     write_report(replace(finished, out=partial))
     (partial / PAGE).unlink()
-    for figure in sorted((partial / "figures").iterdir()):
+    for figure in sorted((partial / FIGURES).iterdir()):
         if figure.suffix == ".png":
             keep_figure(figure, figure)
         else:

@@ -18,7 +18,7 @@ from experiments.reporting.pages import MARKDOWN, PAGE, Drawing, Head, Section, 
 from experiments.reporting.results_file import TIMES, gather, read_finished
 from experiments.reporting.sweep import Swept, sweep_sections, swept
 from experiments.reporting.tables import NOTHING, Table, show
-from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
+from experiments.running.results_folder import FIGURES, LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES = "summary.csv", "tables.json"
 FILMS = ("film.gif", "film.png")
@@ -72,14 +72,24 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
     """What the report says in a minute: the table of its `head_part` and, of held-out trials, more."""
     figures = _drawn(finished, held) if held else {}
     said = sentences(finished, held) if held else []
-    film = next((path for name in FILMS if (path := finished.out / name).exists()), None)
+    film = next(iter(films_in(finished.out)), None)
     return Head(finished.suite.name, finished.suite.question, figures, table, said, film)
+
+
+def films_in(out: Path) -> list[Path]:
+    """Films of an agent at work in a results folder; what only has the name of one is none."""
+    paths = [out / name for name in FILMS]
+    return [
+        path
+        for path in paths
+        if path.is_file() and not path.is_symlink() and path.read_bytes()[:4] in (b"GIF8", b"\x89PNG")
+    ]
 
 
 def _drawn(finished: FinishedSuite, held: HeldOut) -> dict[str, Drawing]:
     """The figure of held-out trials, by the name of its files."""
     name = f"{held.scenario.name}-held-out"
-    return {name: save(learning_picture(finished, held), finished.out / "figures", name)}
+    return {name: save(learning_picture(finished, held), finished.out / FIGURES, name)}
 
 
 def _comparison(

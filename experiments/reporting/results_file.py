@@ -10,6 +10,7 @@ differ, and makes the file some ten times smaller.
 
 import base64
 import json
+import re
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
+from calfree_gym.files import whole
+from experiments.config.environment import is_told
 from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
@@ -76,9 +79,11 @@ def read_about(results: Path) -> dict[str, Any]:
     if METADATA.encode() not in metadata:
         raise ConfigError(f"{results} says nothing of a suite: {OTHER}")
     try:
-        about: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(metadata[METADATA.encode()])))
+        about: Any = json.loads(zlib.decompress(base64.b64decode(metadata[METADATA.encode()])))
     except (ValueError, zlib.error) as error:
         raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
+    if not isinstance(about, dict):
+        raise ConfigError(f"{results} says {type(about).__name__} of its suite: {OTHER}")
     if (version := about.get("version")) != VERSION:
         raise ConfigError(f"{results} has form {version}; known is form {VERSION}: {OTHER}")
     return about
@@ -158,12 +163,16 @@ def gather(out: Path) -> Path:
 
 
 def read_finished(results: Path, out: Path) -> FinishedSuite:
-    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`."""
+    """Reads a Parquet file that `gather` wrote, and the times beside it; the report will stand in `out`.
+
+    Anybody may have made it: no model of an arm is read from it, and nothing but words goes into tables.
+    """
     about, table = read_about(results), opened(pq.read_table, results)
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
     rows = table.to_pandas()
     try:
+        _check_told(results, about)
         suite = suite_written_down(about["suite"])
         runs = runs_of(suite)
         known = {run.id for run in runs}
@@ -183,8 +192,22 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
             results=rows,
             timings=timings[timings["run"].isin(known)],
         )
-    except (KeyError, ValidationError) as error:
+    except (AttributeError, KeyError, TypeError, ValidationError) as error:
         raise ConfigError(f"{results} cannot be read: {error}: {OTHER}") from None
+
+
+_WORD = re.compile(r"[\w.+-][\w.+, -]*")
+
+
+def _check_told(results: Path, about: dict[str, Any]) -> None:
+    """Raises ConfigError where arms are not just told, or versions are what a spreadsheet takes for more."""
+    for part in (*about["suite"].get("scenarios", ()), *about["suite"].get("sweeps", ())):
+        arm = part["env"].get("arm")
+        if isinstance(arm, dict) and not is_told(arm):
+            raise ConfigError(f"{results} holds the model of an arm; allowed: what `gather` tells of it")
+    for name, version in about["versions"].items():
+        if not (_WORD.fullmatch(name) and _WORD.fullmatch(version)):
+            raise ConfigError(f"{results} has version {version!r} of {name!r}; allowed: words and numbers")
 
 
 def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
@@ -248,22 +271,23 @@ def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> N
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
     columns = [_compact(field, table[field.name]) for field in SCHEMA]
     table = pa.table(columns, names=SCHEMA.names)
-    partial = target.with_suffix(".partial")
-    with pq.ParquetWriter(
-        partial,
-        table.schema,
-        compression="brotli",
-        compression_level=11,
-        use_dictionary=[name for name in SCHEMA.names if name not in _COUNTERS],
-        column_encoding=dict.fromkeys(_COUNTERS, "DELTA_BINARY_PACKED"),
-        store_schema=False,
-        write_statistics=False,
-        data_page_size=2**30,
-        max_rows_per_page=2**30,  # pages are packed one by one
-    ) as writer:
+    with (
+        whole(target) as file,
+        pq.ParquetWriter(
+            file,
+            table.schema,
+            compression="brotli",
+            compression_level=11,
+            use_dictionary=[name for name in SCHEMA.names if name not in _COUNTERS],
+            column_encoding=dict.fromkeys(_COUNTERS, "DELTA_BINARY_PACKED"),
+            store_schema=False,
+            write_statistics=False,
+            data_page_size=2**30,
+            max_rows_per_page=2**30,  # pages are packed one by one
+        ) as writer,
+    ):
         writer.write_table(table)
         writer.add_key_value_metadata({METADATA: packed(about)})
-    partial.replace(target)
 
 
 def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.Array:

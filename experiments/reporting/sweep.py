@@ -44,6 +44,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
+from experiments.running.results_folder import FIGURES
 from experiments.statistics import Estimate, mean_share, median_world
 
 _NO_NUMBER = Estimate(math.nan)
@@ -136,7 +137,7 @@ Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 
 def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Section]:
     """Where there are several sweeps, all in one figure; then each with a figure and a table."""
-    lines, folder = lines_of(finished.suite.agents), finished.out / "figures"
+    lines, folder = lines_of(finished.suite.agents), finished.out / FIGURES
     said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     curves: dict[str, Curves] = {
         each.sweep.name: [

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from agents.base.storage import whole
+from calfree_gym.files import whole
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.run import runs_of
@@ -20,6 +20,8 @@ from experiments.running.versions import UNKNOWN
 
 SUITE = "suite.json"
 RUNS = "runs"
+PENDING = f"{RUNS}/.attempts"
+FIGURES = "figures"
 LOCK = ".lock"
 RUN = "run.json"
 VERSIONS = "versions.json"
@@ -33,7 +35,13 @@ PATIENCE = 10.0
 
 
 def made_folder(out: Path) -> Path:
-    """A folder to write into, which is made where it is missing: asked for before anything is begun."""
+    """A folder to write into, which is made where it is missing: asked for before anything is begun.
+
+    What is written into it, or cleared, may not lie elsewhere: it may be somebody else's folder.
+    """
+    for folder in (RUNS, PENDING, FIGURES):
+        if (out / folder).is_symlink():
+            raise ConfigError(f"{out / folder} is a link to another folder; allowed: a folder of its own")
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -59,8 +67,6 @@ def write_whole(path: Path, text: str) -> None:
     """Writes a file that is there as a whole or not at all."""
     with whole(path) as file:
         file.write(text.encode())
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -137,7 +137,7 @@ def test_one_wrong_key_is_one_error(suite_data, refused):
         ("? [1]\n: 2\n", "not valid YAML"),
         ("a: \x07", "not valid YAML"),
         ("a: 2020-13-45\n", "suite.yaml: is not valid YAML: month"),
-        ("[" * 3000, "suite.yaml: is not valid YAML: maximum recursion"),
+        ("[" * 3000, "suite.yaml: is not valid YAML: .*nested too deeply"),
         ("a: {b: 010}", r"suite.yaml:\n  a.b: found 010, which YAML takes for 8; allowed: decimal"),
     ],
 )
@@ -177,11 +177,15 @@ def test_overrides_are_read_as_yaml_and_name_other_files(suite_data, write_confi
         ("scenarios.0={motions: 1:30}", "motions: found 1:30, which YAML takes for 90"),
         ("agents.0.settings=unclear.yaml", "unclear.yaml:\n  limit: found '5e-1', which YAML takes for text"),
         ("agents.0.settings=torn.yaml", "torn.yaml, line 2, column 1: is not valid YAML"),
+        ("agents.0.settings=text.yaml", "text.yaml: found text; allowed: a mapping of settings"),
+        ("agents.0.settings=/dev/zero", "/dev/zero: cannot be read; allowed: a file of at most"),
+        ("world\x1b[31m=5", "world\ufffd[31m: unknown key"),
         ("claims=claims.yaml", "claims.yaml:\n  0.criteria.0.above: found 0x1F"),
     ],
 )
 def test_wrong_overrides_are_answered_like_the_file(suite_data, refused, tmp_path, override, said):
     (tmp_path / "unclear.yaml").write_text("limit: 5e-1")
+    (tmp_path / "text.yaml").write_text("/etc/hostname")
     (tmp_path / "torn.yaml").write_text("limit: 0.5\n- 1\n")
     (tmp_path / "claims.yaml").write_text("- {name: a, criteria: [{above: 0x1F}]}")
     assert said in refused(suite_data, override)

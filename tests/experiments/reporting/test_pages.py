@@ -102,6 +102,16 @@ def test_the_head_stands_before_all_sections(tmp_path):
     assert folded.startswith("\n<summary>Two &amp; all</summary>")
     text = markdown_page(head, sections)
     assert text.startswith(
-        "# Title\n\nWhy?\n\n| a |\n| --- |\n| <1> |\n\nRead it.\n\nIt <works>.\n\nIt lasts.\n"
+        "# Title\n\nWhy?\n\n| a |\n| --- |\n| <1> |\n\nRead it.\n\nIt &lt;works>.\n\nIt lasts.\n"
     )
     assert "![An agent at work](film.gif)\n\n## Broken\n\nMend it.\n\n<details>\n<summary>Two & all" in text
+
+
+def test_markdown_has_no_tags_but_its_own():
+    script = "<script>1</script>"
+    table = Table("t", script, pd.DataFrame({"a": [script, "a < b"]}), note=script)
+    code = Section(script, script, tables=(table, table), code=f"```\n{script}")
+    page = markdown_page(Head("suite", script), [code])
+    assert page.count("<script>") == 1, "in the code alone"
+    assert f"\n````\n```\n{script}\n````\n" in page
+    assert "a < b" in page

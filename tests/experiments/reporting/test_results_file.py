@@ -11,8 +11,15 @@ import pytest
 from experiments.__main__ import main
 from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
-from experiments.reporting.report import computing_section
-from experiments.reporting.results_file import MOST_OWN_TRIALS, gather, read_finished
+from experiments.reporting.report import computing_section, films_in
+from experiments.reporting.results_file import (
+    METADATA,
+    MOST_OWN_TRIALS,
+    gather,
+    packed,
+    read_about,
+    read_finished,
+)
 from experiments.running.results_folder import read_suite
 from experiments.running.run import runs_of
 
@@ -150,6 +157,48 @@ def test_files_of_other_code_are_refused(parquet, tmp_path, spoiled, said):
     pq.write_table(spoiled(pq.read_table(parquet)), parquet)
     with pytest.raises(ConfigError, match=said):
         read_finished(parquet, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ([1], "says list of its suite"),
+        ({"outcomes": 5}, "cannot be read"),
+        ({"versions": {"commit": "=HYPERLINK(1)"}}, r"has version '=HYPERLINK\(1\)' of 'commit'; allowed"),
+        ({"arm": {"model": "<mujoco/>", "gripper": "tip"}}, "holds the model of an arm; allowed"),
+    ],
+)
+def test_what_a_stranger_says_of_a_suite_is_no_model_and_no_formula(parquet, tmp_path, told, said):
+    about = read_about(parquet)
+    if isinstance(told, dict) and "arm" in told:
+        about["suite"]["scenarios"][0]["env"] |= told
+    else:
+        about = told if isinstance(told, list) else about | told
+    pq.write_table(pq.read_table(parquet).replace_schema_metadata({METADATA: packed(about)}), parquet)
+    with pytest.raises(ConfigError, match=said):
+        read_finished(parquet, tmp_path)
+
+
+@pytest.mark.parametrize("folder", ["figures", "runs", "runs/.attempts"])
+def test_a_folder_that_leads_elsewhere_is_not_written_into(finished, tmp_path, capsys, folder):
+    config, out = finished
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/thesis.txt").write_text("mine")
+    shutil.rmtree(out / folder, ignore_errors=True)
+    (out / folder).parent.mkdir(exist_ok=True)
+    (out / folder).symlink_to(tmp_path / "mine")
+    assert main(["run", str(config), "--out", str(out)]) == 2
+    assert f"{out / folder} is a link to another folder" in capsys.readouterr().err
+    assert (tmp_path / "mine/thesis.txt").read_text() == "mine"
+
+
+def test_no_film_leads_elsewhere_or_is_no_picture(tmp_path):
+    (tmp_path / "secret").write_text("key")
+    (tmp_path / "film.gif").symlink_to(tmp_path / "secret")
+    (tmp_path / "film.png").write_text("key")
+    assert films_in(tmp_path) == []
+    (tmp_path / "film.png").write_bytes(b"\x89PNG\r\n")
+    assert films_in(tmp_path) == [tmp_path / "film.png"]
 
 
 def test_files_that_are_no_results_are_refused(parquet, tmp_path, capsys):
