@@ -35,7 +35,7 @@ _TASKS = {
 _REWARDS = {"": "sparse", "Dense": "dense"}
 ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task, (*_, kinds) in _TASKS.items() for kind in kinds)
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 __all__ = [
     "DISTRIBUTIONS",
