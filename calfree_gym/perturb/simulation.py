@@ -23,7 +23,9 @@ HOW_TO = """no MuJoCo model is found behind {env}. If it has one, say where:
         def camera(self, env):  # name or number of the camera that render() shows
             return "front"
 
-    Perturb(env, schedule, adapter=Mine())"""
+    Perturb(env, schedule, adapter=Mine())
+
+CalFree's own environments take the schedule themselves: gym.make(..., perturbations=schedule)."""
 
 
 class FoundSimulation(NamedTuple):
