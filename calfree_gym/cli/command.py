@@ -11,6 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import calfree_gym
 from calfree_gym.cli.check import check
 from calfree_gym.cli.reach import ReachRun, reach
 from calfree_gym.cli.robots import FLAG, Ask, lerobot_robot, supported
@@ -88,6 +89,10 @@ def _with_robot(
     make_robot: Callable[[Sequence[str]], LeRobot],
     ask: Ask,
 ) -> int:
+    if options.marks not in (None, TAGS) and not Path(options.marks).is_file():
+        raise ValueError(
+            f"--marks {options.marks}: there is no such file; allowed: a file of colours, or {TAGS}"
+        )
     tracker: PairTracker = TagTracker() if options.marks == TAGS else tracker_of(options.marks)
     if options.command == "reach":
         told = {field.name: getattr(options, field.name) for field in fields(ReachRun)}
@@ -132,7 +137,8 @@ def _names(text: str) -> tuple[str, ...]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="calfree", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
+    parser.add_argument("--version", action="version", version=f"calfree {calfree_gym.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
 
     def command(name: str, told: str, epilog: str = "") -> argparse.ArgumentParser:
         return commands.add_parser(name, help=told, description=told, epilog=epilog, allow_abbrev=False)

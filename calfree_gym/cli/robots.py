@@ -42,7 +42,10 @@ def lerobot_robot(flags: Sequence[str]) -> LeRobot:
             config = draccus.parse(Flags, args=list(flags)).robot
     except (SystemExit, Exception) as error:  # it parses by argparse, which ends the process
         why = said.getvalue().rpartition("error: ")[2].strip() or error.__cause__ or error
-        raise ValueError(f"LeRobot does not take {' '.join(flags) or 'no flags'}: {why}") from error
+        what = (
+            f"does not take {' '.join(flags)}" if flags else f"needs flags, such as {FLAG}type=so101_follower"
+        )
+        raise ValueError(f"LeRobot {what}: {why}") from error
     return make_robot_from_config(config)
 
 

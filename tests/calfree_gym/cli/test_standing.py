@@ -231,7 +231,11 @@ NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
         (NoRobot, "marks --paper=A3", "invalid choice: 'A3'"),
         (NoRobot, "marks --out=none/tags.pdf", "none/tags.pdf"),
         (NoRobot, "watch --display_data=maybe", "'maybe' is neither true nor false"),
-        (NoRobot, "check --marks=none.yaml", "none.yaml"),
+        (
+            NoRobot,
+            "check --marks=tag",
+            "--marks tag: there is no such file; allowed: a file of colours, or tags",
+        ),
         (NoRobot, "reach --agent=memorie", "agent is 'memorie' (did you mean memory?)"),
         (NoRobot, "reach --reaches=0", "reaches is 0"),
         (NoRobot, "reach --speed=fast", "invalid float value: 'fast'"),
