@@ -78,12 +78,13 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
 
 def films_in(out: Path) -> list[Path]:
     """Films of an agent at work in a results folder; what only has the name of one is none."""
-    paths = [out / name for name in FILMS]
-    return [
-        path
-        for path in paths
-        if path.is_file() and not path.is_symlink() and path.read_bytes()[:4] in (b"GIF8", b"\x89PNG")
-    ]
+    found = [path for name in FILMS if (path := out / name).is_file() and not path.is_symlink()]
+    return [path for path in found if _begins_with(path) in (b"GIF8", b"\x89PNG")]
+
+
+def _begins_with(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(4)
 
 
 def _drawn(finished: FinishedSuite, held: HeldOut) -> dict[str, Drawing]:
