@@ -41,7 +41,7 @@ class FactoredTable:
         dimensions: Of the keys: 6 where the object's direction in both images joins them.
     """
 
-    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.WORD_LIMIT})
+    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE})
     SCALE_PX = 1 / IMAGE_UNIT
     """Prior standard deviation of where nothing but home is known to lead. Derived: half an image, as objects
     may lie anywhere in it."""

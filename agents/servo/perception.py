@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, lengths_px
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, lengths_px, rounded
 
 from ..base.checks import checked_array
 from ..base.observation import POINTS, Array, Flags, Observation
@@ -28,8 +28,8 @@ and wild worlds, and a margin of √2."""
 class NoiseEstimate:
     """Standard deviation of an image coordinate, by differences between two observations of one place.
 
-    A low quantile of the differences starts it, so that mistaken points hardly matter; then all that is
-    within three standard deviations refines it.
+    It is the likeliest one (maximum likelihood), where a share of the points is mistaken, and so anywhere in
+    the image.
 
     Every trial shows the gripper at home, which costs no motion. But from one trial to the next cameras can
     be moved, and then the difference is no noise. So it is by homes only as long as few places were observed
@@ -43,16 +43,13 @@ class NoiseEstimate:
     """Differences of a coordinate. Derived: the estimate is then within 20 % (1 / √(2 · 12))."""
     LATEST = 320
     """This many differences are kept: forty re-observations of all four points (a guard)."""
-    QUANTILE, QUANTILE_OF_NORMAL = 0.15, 0.189
-    """This share of normal deviates is smaller than that. Derived: Φ⁻¹(0.575) = 0.189, and a share so small
-    that 40 % mistaken points hardly move it."""
-    WITHIN = 3.0
-    """Differences within this many standard deviations refine the estimate. Source: usual in sigma
-    clipping."""
-    REFINEMENTS = 3
-    """They do so this often (a guard: then it changes little)."""
     LEAST_PX, MOST_PX = 0.5, 40.0
     """Bounds (guards): no marker is known better than half a pixel, and beyond 40 px nothing is reached."""
+    TRIED_PX = np.geomspace(LEAST_PX, MOST_PX, 46)
+    """Of these the likeliest is taken: steps of a tenth, as it is known to no better than a twentieth."""
+    TRIED_SHARES = np.array([0.01, 0.1, 0.3, 0.6])
+    """Of differences that tell nothing, as one of two points is mistaken. Choice: two in three are where 40 %
+    of the points are."""
     NOISY_PX = 3.0
     """Noise that is worth knowing well: tuned on wild worlds 3000 and up, at 20 px noise."""
 
@@ -87,11 +84,11 @@ class NoiseEstimate:
         pool = (at_once if self.measured else of_homes) / np.sqrt(2)
         if len(pool) < self.ENOUGH:
             return
-        noise = np.quantile(pool, self.QUANTILE) / self.QUANTILE_OF_NORMAL
-        for _ in range(self.REFINEMENTS):
-            near = pool[pool <= self.WITHIN * noise]
-            noise = np.sqrt(near @ near / len(near))
-        self.px = float(np.clip(noise, self.LEAST_PX, self.MOST_PX))
+        noises, shares = self.TRIED_PX[:, None], self.TRIED_SHARES[:, None, None]
+        right = np.sqrt(2 / np.pi) / noises * np.exp(-np.square(pool / noises) / 2)
+        mistaken = np.sqrt(2) / IMAGE_SIZE
+        likelihoods = np.log((1 - shares) * right + shares * mistaken).sum(2).max(0)
+        self.px = float(self.TRIED_PX[rounded(likelihoods).argmax()])
 
 
 class LatencyEstimate:

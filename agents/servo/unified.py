@@ -62,8 +62,8 @@ class UnifiedServo:
 
     PATIENCE: ClassVar[int] = 8
     """After so many motions that came hardly nearer than one before, those that were to come near counting
-    twice, it trusts no longer what has led them; after half of that, what is remembered of earlier trials.
-    Choice."""
+    twice and probes less, it trusts no longer what has led them; after half of that, what is remembered of
+    earlier trials. Choice."""
 
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):
@@ -97,7 +97,7 @@ class Reach:
         filter: What is known of observations.
         stops: Where motors are known to stop.
         in_vain: How many motions came hardly nearer than one before, those that were to come near counting
-            twice.
+            twice and probes less.
 
     Args:
         servo: Its settings.
@@ -131,7 +131,7 @@ class Reach:
         self._all_seen_at = [first.registers]
         self._returning = False
         self._share = 1.0
-        self.in_vain = 0
+        self.in_vain = 0.0
         self._nearest_px = np.inf
         self._random = np.random.default_rng(0)
 
@@ -190,12 +190,18 @@ class Reach:
         yield from PaperServo()(self.now, findings)
 
     def _judge(self, expected_px: float) -> None:
-        """Counts motions that came hardly nearer than one before, twice where they were expected to."""
+        """Counts motions that came hardly nearer than one before.
+
+        Those that were to come near count twice; probes, which were not to come nearer, as one test motion
+        does among those of all motors.
+        """
         there_px = Gating.AGREE * np.sqrt(2) * self.filter.noise.px
         if self.now.distance_px < max(HARDLY_NEARER * self._nearest_px, there_px):
-            self.in_vain, self._nearest_px = 0, max(self.now.distance_px, there_px)
-        else:
+            self.in_vain, self._nearest_px = 0.0, max(self.now.distance_px, there_px)
+        elif expected_px < HARDLY_NEARER * self._nearest_px:
             self.in_vain += 2 if expected_px < LEFT * self._nearest_px else 1
+        else:
+            self.in_vain += 1 / len(self.now.registers)
 
     def _note_seen(self) -> None:
         """Remembers where all points were seen that ever were in this trial."""

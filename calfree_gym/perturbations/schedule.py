@@ -326,7 +326,8 @@ class PerturbationScheduler:
             place: The event's place in the schedule.
             event: The event.
             row: The row.
-            count: Motions or trials of the row so far.
+            count: Motions or trials of the row so far. What an event draws that comes but once does not hang
+                on it: lives of any length meet the same.
             world: The world of the row.
 
         Returns:
@@ -341,7 +342,7 @@ class PerturbationScheduler:
             return self._undo(perturbation, row, world), perturbation
         if event.drift:
             return self._drift(place, perturbation, row, world)
-        after, drawn = self._draw(place, perturbation, row, count, world)
+        after, drawn = self._draw(place, perturbation, row, count if event.every else 0, world)
         if place in self._to_undo:
             self._undoable[row][place] = world, after
         return after, drawn

@@ -1,7 +1,7 @@
 """What agents take for granted, proven: worlds in which one thing is otherwise, and the motions that costs.
 
 Each alteration contradicts one word of `PriorKnowledge`. An agent *breaks* where its mean motions rise by
-more than the factor `BREAKS`; then, and only then, it has to declare the word.
+more than the factor `BREAKS`; then it has to declare the word. It may declare one that costs it less.
 """
 
 from __future__ import annotations
@@ -234,8 +234,9 @@ def tables(worlds: int = WORLDS, trials: int = 6) -> Iterator[Table]:
         f"Factor of motions where prior knowledge is contradicted, {worlds} worlds, {trials} trials each",
         pd.DataFrame(rows),
         {"motions": ".2f"},
-        "Means of motions per reach; a trial without rendezvous counts as 60. An agent breaks, and declares "
-        f"the word, above {BREAKS}. Worlds and trials of some are others: {others}. "
+        "Means of motions per reach; a trial without rendezvous counts as 60. Above "
+        f"{BREAKS} an agent breaks, and has to declare the word. "
+        f"Worlds and trials of some are others: {others}. "
         f"Wild worlds from {FIRST_WORLD} on, coarse ones for {' and '.join(BUILT_FOR)}, "
         f"kinematic. What is otherwise: {alterations}.",
     )

@@ -16,12 +16,11 @@ import inspect
 import pkgutil
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import resolve_name
-from statistics import NormalDist
 from types import ModuleType
 from typing import Any, TypeGuard
 
@@ -74,7 +73,6 @@ LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
     "jump_px": "acts with other servos alone",
     "sure_px": "infinite in reaching",
-    "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "camera_change.MEAN_SQUARE_MEDIAN": "exact",
     "gaussian_process.IMAGE_AREA": "exact: two by two image units",
     "camera_change.PARAMETERS": "exact: there are twelve",
@@ -85,14 +83,6 @@ LEFT_OUT: dict[str, str] = {
     "camera_change.PARALLAX_PX": "only names a change, and moves nothing",
 }
 """Constants that are not varied, and why; guards aside."""
-
-ALONG: dict[str, tuple[str, Callable[[float], float]]] = {
-    "NoiseEstimate.QUANTILE": (
-        "QUANTILE_OF_NORMAL",
-        lambda quantile: NormalDist().inv_cdf((1 + quantile) / 2),
-    ),
-}
-"""Constants that another one of the same class follows from."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "Reach.AS_UNKNOWN": (0.0, 0.99),
@@ -174,21 +164,16 @@ def varied(constant: Constant | None, value: float) -> Iterator[dict[str, float]
     if constant is None or constant.setting:
         yield {constant.name: value} if constant else {}
         return
-    values = {constant.name: value}
-    if constant.label in ALONG:
-        name, follows = ALONG[constant.label]
-        values[name] = follows(value)
     changed = [
-        (holder, alias, getattr(holder, alias), new)
-        for name, new in values.items()
-        for holder, alias in places(constant.module, constant.owner, name)
+        (holder, alias, getattr(holder, alias))
+        for holder, alias in places(constant.module, constant.owner, constant.name)
     ]
     try:
-        for holder, alias, _, new in changed:
-            setattr(holder, alias, new)
+        for holder, alias, _ in changed:
+            setattr(holder, alias, value)
         yield {}
     finally:
-        for holder, alias, old, _ in changed:
+        for holder, alias, old in changed:
             setattr(holder, alias, old)
 
 

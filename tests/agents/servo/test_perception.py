@@ -31,6 +31,20 @@ def test_noise_is_that_of_one_observation_not_of_a_difference(noise_px):
     assert np.mean(found) == pytest.approx(noise_px, rel=0.06)
 
 
+@pytest.mark.parametrize(("mistaken", "least"), [(0.0, 0.9), (0.1, 0.8), (0.4, 0.4)])
+def test_two_looks_again_tell_the_noise_to_a_half_also_among_mistaken_points(mistaken, least):
+    rng, found = np.random.default_rng(0), []
+    for _ in range(200):
+        noise, true = NoiseEstimate(), rng.uniform(-0.5, 0.5, (4, 2))
+        for _ in range(2):
+            looks = true + rng.normal(scale=4 * IMAGE_UNIT, size=(2, 4, 2))
+            wrong = rng.random((2, 4, 1)) < mistaken
+            first, second = np.where(wrong, rng.uniform(-1, 1, looks.shape), looks)
+            noise.add(second - first)
+        found.append(noise.px)
+    assert np.mean((np.array(found) > 4 / 1.5) & (np.array(found) < 4 * 1.5)) > least
+
+
 def test_noise_is_that_of_a_good_marker_until_enough_is_known_or_where_a_file_hardly_tells_it():
     noise = NoiseEstimate()
     assert noise.px == 0.7

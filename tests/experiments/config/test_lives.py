@@ -7,7 +7,7 @@ import pytest
 from experiments.config.loading import load
 from experiments.running.run import parse_run, runs_of
 from tests.agents.neural.quick import QUICK
-from tests.experiments.fakes import AIM, ids, runs
+from tests.experiments.fakes import AIM, ids, lived, runs
 
 PPO = {"name": "ppo", "settings": {**QUICK["ppo"], "rows": 64}}
 HALF, DECADES, CHANGE = {"share": 0.5}, {"per_decade": 1}, "scenarios.0.perturbations.0.at"
@@ -31,6 +31,18 @@ def test_each_agent_has_its_life_and_its_worlds(lives):
     ]
     assert found[0].world_seed == found[2].world_seed
     assert all(parse_run(run.model_dump_json()) == run for run in found)
+
+
+def test_lives_of_any_length_meet_the_same_change(lives, tmp_path):
+    (shorter, *_), (longer, *_) = ([run for run in runs(lives) if run.work[0] == of] for of in (90, 400))
+    changes = []
+    for run in (shorter, longer):
+        (folder := tmp_path / run.id).mkdir()
+        changes += lived(run, folder)[0]["perturbations"]
+    (first, _, one), (second, _, other) = changes
+    assert (first, second) == (45, 200)
+    assert one == other
+    assert one["type"] == "camera_aim"
 
 
 def test_a_run_does_not_tell_how_its_life_was_written(lives):

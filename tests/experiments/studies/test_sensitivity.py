@@ -38,7 +38,7 @@ def test_constants_of_settings_classes_and_modules_are_found():
     assert {"looks", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
     assert all(len({each.label for each in found}) == len(found) for found in FOUND.values())
 
-    left_out = {"Reach.HALVINGS", "NoiseEstimate.MOST_PX", "NoiseEstimate.QUANTILE_OF_NORMAL", "seed"}
+    left_out = {"Reach.HALVINGS", "NoiseEstimate.MOST_PX", "seed"}
     assert not {*left_out, "gaussian_process.IMAGE_AREA"} & LABELS.keys(), "guards and exact numbers"
 
 
@@ -64,7 +64,7 @@ def test_what_is_said_of_single_constants_is_said_of_ones_that_exist():
     labels = numbers | {each.label for agent in sensitivity.SETTINGS for each in sensitivity._settings(agent)}
     assert sensitivity.LEFT_OUT.keys() <= labels
     assert all(sensitivity.LEFT_OUT.values())
-    assert sensitivity.BOUNDS.keys() | sensitivity.ALONG.keys() <= LABELS.keys()
+    assert sensitivity.BOUNDS.keys() <= LABELS.keys()
 
 
 def test_a_new_constant_is_found(monkeypatch):
@@ -114,16 +114,6 @@ def test_an_error_leaves_no_constant_varied():
     with pytest.raises(KeyError), sensitivity.varied(LABELS["GaussianProcess.SPREAD"], 5.0):
         raise KeyError
     assert LABELS["GaussianProcess.SPREAD"].value == GaussianProcess.SPREAD
-
-
-def test_what_follows_from_a_constant_goes_along():
-    quantile = LABELS["NoiseEstimate.QUANTILE"]
-    own = NoiseEstimate.QUANTILE_OF_NORMAL
-    with sensitivity.varied(quantile, quantile.value):
-        assert pytest.approx(own, abs=5e-4) == NoiseEstimate.QUANTILE_OF_NORMAL
-    with sensitivity.varied(quantile, 0.6827):
-        assert pytest.approx(1.0, abs=1e-3) == NoiseEstimate.QUANTILE_OF_NORMAL
-    assert own == NoiseEstimate.QUANTILE_OF_NORMAL
 
 
 def test_no_constant_is_read_before_it_can_be_varied():
