@@ -35,7 +35,6 @@ written, what adapts it to learners."""
 PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
     "calfree_gym.geometry",
-    "calfree_gym.robot.arms.kinematics",
     "calfree_gym.robot.arms.movemaster",
     "calfree_gym.vision.cameras",
 }

@@ -19,8 +19,7 @@ import numpy as np
 
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.image import IMAGE_UNIT
-from calfree_gym.robot.arms.kinematics import gripper_position
-from calfree_gym.robot.arms.movemaster import HOME, JOINT_LIMITS, SPAN
+from calfree_gym.robot.arms.movemaster import HOME, JOINT_LIMITS, SPAN, gripper_position
 from calfree_gym.vision.cameras import MOUNTS, image_points, pinhole
 from calfree_gym.world import World
 

@@ -121,7 +121,7 @@ class InsertConfig(Config):
 
 
 class InsertArms(ContactArms):
-    """N arms, whose cameras see `robot.inserting.simulation.POINTS`.
+    """N arms, whose cameras see `robot.inserting.POINTS`.
 
     Attributes:
         forces: Of the gripper and the peg on table and plate (N, 2) in the last motion, in N: the largest.
