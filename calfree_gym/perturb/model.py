@@ -77,8 +77,9 @@ def plain_world(parts: ModelParts, **fields: Any) -> World:
 class PerturbedModel:
     """Writes worlds into a compiled model.
 
-    What a world changes is written relative to the model as built: one that is built anew with other cameras
-    gets the same turns. What is as built gets its bits back.
+    What a world changes is written relative to the model as built: one that is built anew with other cameras,
+    or whose cameras the environment itself moves at a reset, gets the same turns. What is as built gets its
+    bits back.
 
     Attributes:
         model: The MjModel.
@@ -107,9 +108,7 @@ class PerturbedModel:
     def attach(self, model: Any, data: Any) -> None:
         """Takes another model, as built."""
         self.find(model, data)
-        head = model.vis.headlight
-        self._as_built = {name: getattr(model, name).copy() for name in self._WRITTEN}
-        self._as_built |= {"ambient": head.ambient.copy(), "diffuse": head.diffuse.copy()}
+        self._as_built = self._left = self._copies()
         self._home = _Home(model)
         self._aims: dict[int, Array] = {}
 
@@ -123,10 +122,27 @@ class PerturbedModel:
         self._written = None
 
     def follow(self, model: Any, data: Any, world: World) -> None:
-        """Where the environment has built another model, makes it what `world` says."""
+        """Where the environment has built another model, or changed this one, makes it what `world` says."""
         if model is not self.model:
             self.attach(model, data)
             self.write(world)
+            return
+        now = self._copies()
+        changed = {name: now[name] != left for name, left in self._left.items()}
+        if any(each.any() for each in changed.values()):
+            for name, field in self._fields().items():
+                field[...] = np.where(changed[name], now[name], self._as_built[name])
+            self.attach(model, data)
+            self.write(world)
+
+    def _fields(self) -> dict[str, Any]:
+        """What is written, by name: views of the model."""
+        head = self.model.vis.headlight
+        fields = {name: getattr(self.model, name) for name in self._WRITTEN}
+        return fields | {"ambient": head.ambient, "diffuse": head.diffuse}
+
+    def _copies(self) -> dict[str, Any]:
+        return {name: field.copy() for name, field in self._fields().items()}
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("model", "data")}
@@ -145,6 +161,7 @@ class PerturbedModel:
         for writer in stale:
             writer(self, world)
         if stale:
+            self._left = self._copies()
             mujoco.mj_camlight(self.model, self.data)
 
     def _read(self) -> World:

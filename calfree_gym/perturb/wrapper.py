@@ -131,6 +131,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.world = self._built
         self.applied: list[Perturbation | Undo] = []
         self._counts = {"motion": 0, "trial": 0}
+        self._done: dict[str, tuple[int, list[Perturbation | Undo]]] = {}
         self._resets = self._steps = 0
         self._past: deque[Any] = deque(maxlen=MAX_LATENCY + 1)
         self._delivered: Any = None
@@ -188,18 +189,22 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         assert self._seed is not None
         of_episode = stream(self._seed, "perturbed episode", self._resets)
         self._scheduler.seed(0, self._seed if self._per == "life" else int(of_episode.integers(LARGEST_SEED)))
-        self._counts = {"motion": 0, "trial": 0}
+        self._counts, self._done = {"motion": 0, "trial": 0}, {}
         self._enter(self._built)
 
     def _apply_due(self, clock: str) -> list[Perturbation | Undo]:
+        """Applies what is due, but once: the environment may have refused a call that comes again."""
         applied: list[Perturbation | Undo] = []
         count = self._counts[clock]
+        if clock in self._done and self._done[clock][0] == count:
+            return self._done[clock][1]
         for place, event in self._scheduler.events[clock]:
             if event.is_due(count):
                 world, perturbation = self._scheduler.apply(place, event, 0, count, self.world)
                 self._enter(world)
                 if perturbation is not None:
                     applied.append(perturbation)
+        self._done[clock] = count, applied
         return applied
 
     def _enter(self, world: World) -> None:

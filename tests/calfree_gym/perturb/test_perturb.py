@@ -1,6 +1,7 @@
 """Perturb in somebody else's environment: what acts, where and how long, and what it refuses."""
 
 import pickle
+from functools import partial
 
 import gymnasium as gym
 import mujoco
@@ -15,6 +16,7 @@ from calfree_gym.perturb.scope import ALLOWED
 from calfree_gym.perturbations import TYPES
 from calfree_gym.vision.cameras import image_points
 from tests.calfree_gym.environments import assert_same, begun
+from tests.calfree_gym.perturb.table_top import TableTop
 from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
 
 KNOCK, BACK = 3, 6
@@ -401,3 +403,72 @@ def test_a_lens_puts_points_where_our_own_cameras_see_them(k1):
         found = faulty(image, world(lens_k1=k1), 0, PLACE)[..., 0].astype(float)
         seen = [(found.sum(axis) @ np.arange(found.shape[1 - axis])) / found.sum() for axis in (0, 1)]
         np.testing.assert_allclose(seen, there, atol=0.3)
+
+
+class Randomised(TableTop):
+    """Its cameras and its lamp are others in every episode."""
+
+    def reset(self, *, seed=None, options=None):
+        found = super().reset(seed=seed)
+        self.model.cam_pos[0] = np.add([0, 0, 1], self.np_random.uniform(-0.1, 0.1, 3))
+        self.model.cam_fovy[:] = self.np_random.uniform(40, 60, 2)
+        self.model.light_diffuse[0] = self.np_random.uniform(0.4, 1)
+        return found
+
+
+def test_what_the_environment_itself_changes_at_a_reset_is_what_knocks_begin_from():
+    knocks = {
+        "camera_aim": {"degrees": 10.0, "direction": 0.0, "camera": "top"},
+        "camera_zoom": {"factor": 1.25, "camera": "top"},
+        "camera_shift": {"camera": "front"},
+    }
+    schedule = [{"at": {"episode": 0}, "do": {"type": kind, **do}} for kind, do in knocks.items()]
+    undone = [{"at": {"episode": 2}, "undo": place} for place in range(3)]
+    bare, knocked = (
+        Randomised(),
+        Perturb(Randomised(), schedule + undone, seed=1, images={"top": None, "front": None}),
+    )
+    model, built, shifts = knocked.unwrapped.model, TableTop().model, []
+    for seed in (3, 4, 5):
+        bare.reset(seed=seed)
+        knocked.reset(seed=seed)
+        np.testing.assert_array_equal(model.light_diffuse, bare.model.light_diffuse)
+        np.testing.assert_array_equal(model.cam_pos[0], bare.model.cam_pos[0])
+        if seed < 5:
+            half = np.tan(np.radians(bare.model.cam_fovy[0]) / 2) / 1.25
+            assert model.cam_fovy[0] == pytest.approx(np.degrees(2 * np.arctan(half)))
+            assert 2 * np.arccos(abs(model.cam_quat[0] @ built.cam_quat[0])) == pytest.approx(np.radians(10))
+            shifts.append(model.cam_pos[1] - built.cam_pos[1])
+            np.testing.assert_allclose(shifts[-1], shifts[0])
+            assert shifts[-1].any()
+    for name in ("cam_pos", "cam_quat", "cam_fovy"):
+        np.testing.assert_array_equal(getattr(model, name), getattr(bare.model, name))
+
+
+def test_a_call_that_the_environment_refuses_and_that_comes_again_is_knocked_once():
+    class Refusing(TableTop):
+        refuses = False
+
+        def reset(self, *, seed=None, options=None):
+            if self.refuses:
+                raise RuntimeError("stuck")
+            return super().reset(seed=seed)
+
+        def step(self, action):
+            if self.refuses:
+                raise RuntimeError("stuck")
+            return super().step(action)
+
+    do = {"type": "motor_gain", "factor": 0.5, "motor": "action0"}
+    env = Perturb(Refusing(), [{"at": {"step": 2}, "do": do}, {"at": {"episode": 1}, "do": do}], seed=0)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step(np.zeros(3))
+    for call, gain in ((partial(env.step, np.zeros(3)), 0.5), (env.reset, 0.25)):
+        env.unwrapped.refuses = True
+        for _ in range(2):
+            with pytest.raises(RuntimeError, match="stuck"):
+                call()
+        env.unwrapped.refuses = False
+        assert call()[-1]["perturbed"] == 1
+        assert env.world.motor_gain.tolist() == [gain, 1, 1]
