@@ -83,6 +83,8 @@ def test_options_of_all_rows_are_those_of_the_next_reset():
     placed = envs.vector_env.unwrapped.arms.simulation.positions()[1]
     np.testing.assert_allclose(placed, [each["object"] for each in asked], atol=1e-9)
     assert [info.keys() for info in envs.venv.reset_infos] == [{"is_success"}] * 2
+    envs.reset()
+    assert (np.abs(envs.vector_env.unwrapped.arms.simulation.positions()[1] - placed).max(1) > 1e-3).all()
     envs.set_options([asked[0], {}])
     with pytest.raises(ValueError, match="of one kind"):
         envs.reset()

@@ -296,3 +296,16 @@ def test_motors_that_may_rest_are_not_taken_for_strong_ones():
     rested = agent.tested == FirstMotions.FIRST_WORD
     assert rested.any()
     assert strengths[rested].max() < strengths[~rested].max()
+
+
+def test_units_of_a_servo_become_words():
+    arm, units = LinearArm((400, 400, 400)), np.array([0.5, 2.0, 1.0])
+    leash = Leash(arm.observed(), view_of(arm), np.full(3, 0.5), ObservationFilter(), units)
+    asked = np.array([0.004, 0.002, 0.0])
+    sent, _ = carry_out(leash.hold(each for each in [asked]), arm.observed)
+    np.testing.assert_allclose(np.sum(sent, 0), asked * units)
+
+
+def test_a_motor_that_stops_before_it_shows_is_tried_the_other_way():
+    motions, _, _ = first_motions(Noisy((60, 400, 400), highest=0.005))
+    assert motions.tested[0] > 0.02

@@ -56,6 +56,9 @@ def test_reward_and_end_follow_from_the_observation_exactly(env_id):
     assert not all(ends)
     np.testing.assert_array_equal(env.compute_reward(np.array(achieved), np.array(desired), {}), rewards)
     np.testing.assert_array_equal(env.compute_terminated(np.array(achieved), np.array(desired), {}), ends)
+    np.testing.assert_array_equal(
+        env.compute_truncated(np.array(achieved), np.array(desired), {}), np.zeros(60, bool)
+    )
 
 
 def test_rendezvous_takes_both_cameras_and_euclidean_distance():

@@ -210,3 +210,12 @@ def test_all_other_joints_stay_at_home(name):
         assert not data.ncon
         assert model.opt.timestep == 0.005
         assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+@pytest.mark.parametrize("name", ["scara", "redundant"])
+def test_zeros_of_wild_worlds_are_within_ten_degrees_or_that_share_of_a_slides_span(name):
+    robot = arm_named(name).robot
+    zeros = np.array([WorldDistribution("wild").sample(seed, robot=robot).joint_zeros for seed in range(200)])
+    most = np.where(robot.slides, np.radians(10) * robot.span / 2, np.radians(10))
+    assert (np.abs(zeros) <= most).all()
+    assert (np.abs(zeros).max(0) > 0.9 * most).all()
