@@ -248,6 +248,12 @@ class ProcedureAgent(Agent):
         return int(self.env.action_space.shape[-1])  # type: ignore[index]
 
     def save(self, path: AgentFile) -> None:
+        own, plain = type(self), ProcedureAgent
+        learns = own.learn_trial is not plain.learn_trial or own.learn_motion is not plain.learn_motion
+        if learns and (own.arrays is plain.arrays or own.restore is plain.restore):
+            raise TypeError(
+                f"{own.__name__} learns, but has no arrays and restore of its own: that would be lost"
+            )
         storage.save(
             path, self.kind, self.arrays() | self._encoders.arrays(), self.num_timesteps, self._motors
         )

@@ -79,7 +79,7 @@ class Scope:
         return self._env.render_mode == "rgb_array" and self.rendered in self.parts.cameras
 
     def check(self, schedule: Schedule, per: str) -> None:
-        """Raises ValueError where a schedule cannot be applied; the names of motors and joints apart."""
+        """Raises ValueError where a schedule cannot be applied."""
         for i, event in enumerate(schedule):
             where, perturbation = f"schedule.{i}", event.perturbation
             if per == "episode" and event.clock == "trial":
@@ -103,10 +103,16 @@ class Scope:
                 )
             if kind in (*OF_POSES, *OF_IMAGES):
                 self._check_cameras(where, perturbation)
+            try:
+                perturbation.check_fits(self.parts)  # type: ignore[arg-type]
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from None
 
     def _check_cameras(self, where: str, perturbation: Perturbation) -> None:
         """The same, of a perturbation of one camera, or of any, if it names none."""
         kind, named = perturbation.type, getattr(perturbation, "camera", None)
+        if kind in OF_POSES and not self._cameras:
+            raise ValueError(f"{where}: {kind}: the model has no camera; possible here: {self._possible()}")
         if named is None and not self.parts.cameras:
             raise ValueError(f"{where}: {kind}: no image shows a camera; {self._show('NAME')}")
         for name in self.parts.cameras if named is None else (named,):
@@ -143,8 +149,15 @@ class Scope:
     def _show(self, name: str) -> str:
         return (
             f"give images={{{name!r}: KEYS}}, the keys of its image in observations (None: whoever wraps "
-            "this makes it from the model), or let render() show it"
+            "this makes it from the model), or let render() show it, as adapter= tells of one's own"
         )
+
+    def _possible(self) -> str:
+        """What acts where the model has no camera."""
+        kinds = ["light", "joint_zero", *OF_OBSERVATIONS]
+        kinds += OF_ACTIONS if self.parts.motors else ()
+        kinds += OF_IMAGES if self.images or self.frames_can_be_at_fault else ()
+        return ", ".join(kinds)
 
     def _rendered(self) -> str:
         camera = FREE if self.adapter is None else self.adapter.camera(self._env)

@@ -59,8 +59,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     - `latency`, `point_dropout`: observations come late by so many steps; in this share of the steps the one
       before comes again. After a reset the first one holds. Rewards are not late.
 
-    Other types are refused. Where an environment builds its model anew at a reset, the first image of that
-    episode is of its cameras as built.
+    Other types are refused. Where an environment builds its model anew at a reset, or changes it, the first
+    image of that episode is of cameras and lights as it has left them.
 
     Attributes:
         applied: The perturbations applied before the last step or reset, with all that they drew.

@@ -105,7 +105,10 @@ class Exposure(Factor):
 
 @dataclass(frozen=True)
 class Blur(Level):
-    """Sets the standard deviation of a camera's blur to `px` (drawn: 0.5-3), of 512; as a drift, adds it."""
+    """Sets the standard deviation of a camera's blur to `px` (drawn: 0.5-3); as a drift, adds it.
+
+    They are pixels of an image of 512, on the longer side: small images may not change.
+    """
 
     type: ClassVar[str] = "blur"
     quantity: ClassVar[str] = "px"

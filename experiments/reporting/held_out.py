@@ -339,10 +339,10 @@ def _checkpoints(finished: FinishedSuite, held: HeldOut) -> Section:
             own, cells = of_stretch[of_stretch["agent"] == label], [label]
             for clock in clocks:
                 found = scores(own, MOTIONS, clock).to_numpy(float)
-                values = np.append(found, [float(held.cap)] * held.failed(label))
-                if not len(values):
+                if not len(found):
                     cells.append(NOTHING)
                     continue
+                values = np.append(found, [float(held.cap)] * held.failed(label))
                 median, when = median_world(values), f"{clock:,.0f} {after}"
                 cells.append(with_most(median.value, most_worlds(values), ".1f"))
                 summary.append(summary_row(name, "checkpoints", label, when, MOTIONS, median, len(values)))

@@ -1,5 +1,6 @@
 """What a procedure finds out in a trial, and who gets it."""
 
+from contextlib import nullcontext
 from functools import partial
 from itertools import islice
 
@@ -43,6 +44,16 @@ def test_learn_hands_over_all_that_was_observed_in_whole_trials_and_nothing_of_o
         assert not ended
         assert findings[-1] is last
         np.testing.assert_allclose([each.registers[0] for each in findings], 0.01 * np.arange(5), atol=1e-6)
+
+
+@pytest.mark.parametrize("own", [(), ("arrays",), ("restore",), ("arrays", "restore")])
+def test_an_agent_that_learns_is_not_saved_without_what_it_has_learned(make_env, tmp_path, own):
+    methods = {"arrays": lambda self: {}, "restore": lambda self, arrays: None}
+    agent = type("Learner", (Diary,), {name: methods[name] for name in own})(make_env())
+    refused = pytest.raises(TypeError, match="Learner learns, but has no arrays and restore of its own")
+    with refused if len(own) < 2 else nullcontext():
+        agent.save(tmp_path / "learner.npz")
+    assert (tmp_path / "learner.npz").exists() == (len(own) == 2)
 
 
 def test_a_procedure_that_has_ended_sends_zero_words(make_env):

@@ -293,7 +293,7 @@ AIM, BLURRED = do("camera_aim"), do("blur")
     ("schedule", "arguments", "message"),
     [
         (do("camera_aim", camera="frnt"), {}, FRONT),
-        (do("camera_aim", camera="wrist"), {}, r"no image shows .* 'wrist'; give images=.'wrist': KEYS."),
+        (do("camera_aim", camera="wrist"), {}, r"no image .* 'wrist'; give images=.'wrist': KEYS.*adapter="),
         (do("camera_aim", camera="render"), {"images": {"render": ()}}, "'render' is the viewer's .*front"),
         (AIM, {"images": {}}, "no image shows a camera; give images="),
         (BLURRED, {"images": {"wrist": None}}, "acts on images as they are delivered, and none of 'wrist'"),
@@ -301,8 +301,8 @@ AIM, BLURRED = do("camera_aim"), do("blur")
         (BLURRED, {"images": {"wrst": "state"}}, r"images names .* 'wrst' \(did you mean wrist\?\)"),
         (BLURRED, {"images": {"wrist": ("pixels", "top")}}, "'pixels/top', but observations have: pixels/fr"),
         (do("latency"), {"late": ["stat"]}, "late names 'stat', but observations have: pixels/front, state"),
-        (do("motor_sign", motor="elbow"), {}, "motor is 'elbow'; allowed: shoulder, reach"),
-        (do("joint_zero", joint="elbow"), {}, "joint is 'elbow'; allowed: shoulder, reach"),
+        (do("motor_sign", motor="elbow"), {}, r"schedule\.0: motor_sign.motor is 'elbow'; allowed: s"),
+        (do("joint_zero", joint="elbow"), {}, r"schedule\.0: joint_zero.joint is 'elbow'; allowed: s"),
         (do("link_length"), {}, r"schedule\.0: link_length needs a robot of calfree's own"),
         (do("camera_am"), {}, r"schedule\.0\.do\.type is 'camera_am' \(did you mean camera_aim"),
         ([], {"per": "live"}, r"per is 'live' \(did you mean life\?\)"),
@@ -315,6 +315,18 @@ def test_what_cannot_be_is_refused(schedule, arguments, message):
     with pytest.raises(ValueError, match=message):
         Perturb(env, schedule, **arguments)
     assert_same(arrays(env.model), before)
+
+
+@pytest.mark.parametrize(("mode", "more"), [(None, ""), ("rgb_array", ", exposure, blur, image_noise, lens")])
+def test_a_model_without_a_camera_is_told_with_what_is_possible(mode, more):
+    env = gym.make("Reacher-v5", render_mode=mode)
+    with pytest.raises(
+        ValueError, match="camera_roll: the model has no camera; possible here: light"
+    ) as caught:
+        Perturb(env, do("camera_roll", camera="side"))
+    assert str(caught.value).endswith("dead_zone" + more)
+    for kind in str(caught.value).partition("here: ")[2].split(", "):
+        Perturb(env, do(kind))
 
 
 def test_one_in_the_other_is_refused():
@@ -443,6 +455,34 @@ def test_what_the_environment_itself_changes_at_a_reset_is_what_knocks_begin_fro
             assert shifts[-1].any()
     for name in ("cam_pos", "cam_quat", "cam_fovy"):
         np.testing.assert_array_equal(getattr(model, name), getattr(bare.model, name))
+
+
+class MovedBench(Workbench):
+    """Its first camera and its lamp are others in every episode."""
+
+    def reset(self, *, seed=None, options=None):
+        rng = np.random.default_rng(seed)
+        self.model.cam_pos[0] = np.add([0, -1.2, 0.6], rng.uniform(-0.1, 0.1, 3))
+        self.model.cam_fovy[0] = rng.uniform(45, 55)
+        self.model.light_diffuse[0] = rng.uniform(0.3, 0.6)
+        return super().reset(seed=seed)
+
+
+@pytest.mark.parametrize("kind", ["camera_roll", "light"])
+def test_images_of_an_environment_that_changes_its_model_are_knocked_at_once_and_come_back(kind):
+    def images(env):
+        episodes = [steps(env, 3, seed) for seed in (3, 4)]
+        return [each["pixels"]["front"].astype(int) for episode in episodes for each in episode[1:]]
+
+    given = {"degrees": 180.0, "camera": "front"} if kind == "camera_roll" else {}
+    schedule = [{"at": {"step": 0}, "do": {"type": kind, **given}}, {"at": {"step": 5}, "undo": 0}]
+    bare = images(MovedBench(["front"]))
+    knocked = images(Perturb(MovedBench(["front"]), schedule, seed=0))
+    for there, now in zip(bare[:5], knocked, strict=False):
+        assert np.abs(there - now).mean() > 3
+        if kind == "camera_roll":
+            assert np.abs(there[::-1, ::-1] - now).mean() < 0.3
+    np.testing.assert_array_equal(knocked[5], bare[5])
 
 
 def test_a_call_that_the_environment_refuses_and_that_comes_again_is_knocked_once():

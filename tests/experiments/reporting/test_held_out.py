@@ -14,6 +14,7 @@ from experiments.reporting.held_out import (
     HeldOut,
     comparison_section,
     differences,
+    held_out_sections,
     moments,
     scores,
     shown_clocks,
@@ -21,6 +22,7 @@ from experiments.reporting.held_out import (
     with_clocks,
 )
 from experiments.reporting.sweep import points
+from experiments.reporting.tables import NOTHING
 from tests.experiments.reporting.made_up import CAP, finished_suite, results
 
 
@@ -156,6 +158,15 @@ def test_checkpoints_are_shown_from_the_first_to_the_last_by_ratios():
     assert shown_clocks(np.array([0, 1, 10, 30, 100, 300, 1000])) == [0, 10, 100, 1000]
     assert shown_clocks(np.arange(0, 2001, 100)) == [0, 100, 200, 2000]
     assert shown_clocks(np.array([0.0, 0.0])) == [0]
+
+
+def test_an_agent_of_which_no_run_finished_has_no_motions(scenario, suite_data):
+    rows = table(scenario, (0, 0, None, True, 10), (1, 0, None, True, 20))
+    found = {"servo": moments(rows, 3, CAP), "broken": {}}
+    held = HeldOut(scenario, rows, {"servo": 3, "broken": 2}, found, {"servo": {}, "broken": {}})
+    sections = held_out_sections(finished_suite(suite_data), held, {})
+    (motions,) = next(each for each in sections if each.title == "aimed: after how many motions").tables
+    assert motions.frame.to_numpy().tolist() == [["servo", "20.0 (10.0 – 60.0)"], ["broken", NOTHING]]
 
 
 def test_a_run_that_is_evaluated_at_other_motions_is_shown_by_its_next_checkpoint(scenario):
