@@ -104,6 +104,7 @@ def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
             )
         with _told_whose(name):
             made: Agent = known.kind.make(env, **known.fixed, **settings)
+        made.name = name
         return made
 
 

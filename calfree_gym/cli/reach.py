@@ -12,7 +12,7 @@ from calfree_gym.cli.recording import Recording
 from calfree_gym.cli.report import write_report
 from calfree_gym.cli.robots import Ask, connecting
 from calfree_gym.errors import check_choice, check_whole
-from calfree_gym.lerobot import ArmError, LeRobotReachEnv
+from calfree_gym.lerobot import ArmError, LeRobotReachEnv, knowledge
 from calfree_gym.lerobot.robot import LeRobot
 from calfree_gym.picture_reach import PairTracker
 
@@ -47,6 +47,8 @@ class ReachRun:
         check_whole("reaches", self.reaches, 1, 10**6)
         if self.load is not None and not self.load.is_file():
             raise FileNotFoundError(f"--load {self.load}: there is no such file")
+        if self.load is not None:
+            knowledge.read(self.load, self.unit, self.agent, self.motors)
         if self.save is not None and not self.save.absolute().parent.is_dir():
             raise FileNotFoundError(f"--save {self.save}: there is no such folder")
         if self.save is not None and self.save.exists() and not (self.load and self.save.samefile(self.load)):
@@ -87,10 +89,7 @@ def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
         )
     agent = agents_package().make(run.agent, env)
     if run.load is not None:
-        try:
-            env.load(agent, run.load)
-        except ValueError as caught:
-            raise ValueError(f"--load {run.load}: {caught}") from caught
+        env.load(agent, run.load)
     run.out.mkdir(parents=True, exist_ok=True)
     recording.begin(env, agent)
     error = ""

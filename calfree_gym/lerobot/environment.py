@@ -224,11 +224,14 @@ class LeRobotReachEnv(PictureReach):
 
         Raises:
             FileNotFoundError: There is no such file.
-            ValueError: It is none of those, of other motors or another unit; or a motor cannot go so far from
-                that home.
+            ValueError: It is none of those, or of another agent, other motors or another unit; or a motor
+                cannot go so far from that home.
         """
-        known, home = knowledge.load(path, self._motors.names, self._encoders, self.unit)
-        check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
+        try:
+            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
         agent.load(known)
         self._set_home(home)
         self._learned[agent] = agent.num_timesteps

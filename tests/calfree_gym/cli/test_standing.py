@@ -193,6 +193,9 @@ def test_pick_is_that_of_the_package_of_vision(tmp_path, capsys):
 ROBOT = ["--robot.type=so101_follower", "--robot.port=/dev/ttyACM0", "--robot.id=arm"]
 
 
+THREE = "shoulder_pan,shoulder_lift,elbow_flex"
+
+
 class NoRobot:
     """One that must not be asked for anything."""
 
@@ -206,6 +209,8 @@ class Absent(FakeSO101):
 
 class Saved:
     """An agent that no other one can load."""
+
+    name = "memory"
 
     def save(self, path):
         path.write(b"another agent's")
@@ -242,7 +247,7 @@ NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
         (NoRobot, "reach --load=none.zip", "--load none.zip: there is no such file"),
         (NoRobot, "reach --save=none/arm.zip", "--save none/arm.zip: there is no such folder"),
         (NoRobot, "reach --save=here", "--save here: there is such a file; give --load=here too"),
-        (NoRobot, "reach --save=here --load=other", "--save here: there is such a file"),
+        (NoRobot, "reach --save=here --load=arm.calfree", "--save here: there is such a file"),
         (NoRobot, "reach --out=.", "--out .: it holds a report.html; give another folder"),
         (NoRobot, "pick none.png --box 1 1 9 9 --mark object", "none.png: there is no such file"),
         (FakeSO101, "check --cameras=left,rigth", "no camera 'rigth' (did you mean right?)"),
@@ -259,7 +264,15 @@ NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
         (FakeSO101, "reach --unit=170", "smaller unit"),
         (FakeSO101, "reach --tolerance-px=-1", "tolerance_px is -1"),
         (FakeSO101, "reach --max-motions=0", "max_motions is 0"),
-        (FakeSO101, "reach --agent=unified_servo --load=arm.calfree", "--load arm.calfree: "),
+        (
+            NoRobot,
+            "reach --agent=unified_servo --unit=20 --load=arm.calfree",
+            "error: arm.calfree is of unit 45.0 (here 20.0) and agent memory (here unified_servo); "
+            "allowed: --unit=45.0 --agent=memory, or another file",
+        ),
+        (NoRobot, f"reach --load=arm.calfree --motors={THREE}", f"arm.calfree is of motors {THREE},"),
+        (NoRobot, "reach --load=here", "here is no file that the environment's save has written"),
+        (FakeSO101, "reach --load=arm.calfree", "error: arm.calfree is damaged"),
         *((Absent, command, NO_ANSWER) for command in ("check", "watch", "reach")),
     ],
 )
