@@ -13,6 +13,7 @@ import gymnasium as gym
 from calfree_gym.errors import check_choice, near_misses, to_install
 
 from .base.agent import Agent
+from .base.prior_knowledge import PriorKnowledge
 from .base.registration import AGENTS, NamedAgent
 from .grasp.observation import task_of
 
@@ -103,6 +104,7 @@ def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
             )
         with _told_whose(name):
             made: Agent = known.kind.make(env, **known.fixed, **settings)
+        made.name = name
         return made
 
 
@@ -118,6 +120,18 @@ def default_settings(name: str, **given: Any) -> dict[str, Any]:
         chosen = AGENTS[name].defaults(given) | given
         settings = _known_settings(name, AGENTS[name], chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
+
+
+def learns_by_rewards(name: str) -> bool:
+    """Whether an agent learns by rewards, and so from many motions.
+
+    Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
+        ValueError: An unknown name, with the near misses.
+    """
+    _check_name(name)
+    with _told_what_to_install(name):
+        return PriorKnowledge.REWARD in AGENTS[name].kind.prior_knowledge
 
 
 def _known_settings(name: str, known: NamedAgent, chosen: dict[str, Any]) -> dict[str, Any]:

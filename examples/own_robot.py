@@ -53,13 +53,14 @@ class OwnRobot(PictureReach):
     """Reaching, as agents know it: control words in, image points and registers out.
 
     All functions are called in one thread, which is not the main one. Where one gives what is not allowed,
-    fails or hangs, an error says so before anything moves any further.
+    fails or hangs, or a mark is lost, an error says so before anything moves any further.
 
     Args:
         motors: How many.
         go_to: Sends the motors to registers (m,), waits until the arm stands still, and tells these
-            registers; of a motor that stopped well short of them, where it stands. Sag and play are no stop:
-            where motors tell every degree that they sag, words seem not to be executed, and the arm sinks.
+            registers; of a motor that stopped well short of them, where it stands. Make that its goal, too,
+            or it pushes on against what stopped it. Sag and play are no stop: where motors tell every degree
+            that they sag, words seem not to be executed, and the arm sinks.
             Registers are what a motor is set to, in units of your own: 0 at home, within -1 to 1. Nobody
             needs to know what they mean.
         take_pictures: What both cameras see now: two RGB images (h, w, 3), uint8. OpenCV's are BGR: turn
@@ -117,6 +118,7 @@ class OwnRobot(PictureReach):
             gymnasium.error.ResetNeeded: No trial has begun, or there was an error since.
             ValueError: The words are no numbers (m,), or a function gave what is not allowed.
             LostCameraError: A camera gives no picture.
+            LostMarkError: For three motions a mark was not seen, and now not where it was seen before.
             TimeoutError: A function hangs.
         """
         return super().step(action)

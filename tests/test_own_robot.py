@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from calfree_gym.picture_reach import LostMarkError
 from tests.test_examples import output
 
 spec = importlib.util.spec_from_file_location(
@@ -18,6 +19,19 @@ spec = importlib.util.spec_from_file_location(
 own_robot = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(own_robot)
 DARK = np.zeros((48, 64, 3), np.uint8)
+
+
+class Seeing:
+    """A tracker that sees all marks, but for those that are hidden, by their numbers."""
+
+    def __init__(self):
+        self.hidden = []
+
+    def __call__(self, left, right, moved=False):
+        return np.zeros((4, 2)), ~np.isin(np.arange(4), self.hidden)
+
+    def reset(self):
+        pass
 
 
 class Arm:
@@ -47,6 +61,7 @@ class Arm:
 
 def made(arm=None, **arguments):
     arm = arm or Arm()
+    arguments = {"marks": Seeing()} | arguments
     env = own_robot.OwnRobot(len(arm.at), arm.go_to, arm.take_pictures, arm.place_object, **arguments)
     return arm, env
 
@@ -158,6 +173,33 @@ def test_home_is_told_as_it_was_measured_and_words_lead_on_from_there():
     assert not arm.sent[-1].any()
     env.step(np.full(5, 0.1))
     np.testing.assert_allclose(arm.sent[-1], told + 0.1, atol=1e-6)
+
+
+def test_a_gripper_that_is_never_seen_is_named_after_three_motions():
+    arm, env = made(marks=(tracker := Seeing()))
+    tracker.hidden = [0]
+    env.reset()
+    for _ in range(2):
+        env.step(np.full(5, 0.1))
+    before = len(arm.sent)
+    with pytest.raises(LostMarkError, match="for 3 motions the gripper in camera left is not seen"):
+        env.step(np.full(5, 0.1))
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.full(5, 0.1))
+    assert len(arm.sent) == before + 1
+    tracker.hidden = []
+    env.reset()
+    env.step(np.full(5, 0.1))
+
+
+def test_a_mark_may_be_hidden_elsewhere_but_not_where_it_was_seen():
+    _, env = made(marks=(tracker := Seeing()))
+    env.reset()
+    tracker.hidden = [1, 3]
+    for _ in range(5):
+        env.step(np.full(5, 0.1))
+    with pytest.raises(LostMarkError, match="the gripper in camera right"):
+        env.step(np.full(5, -0.5))
 
 
 @pytest.mark.parametrize("wrong", [0, 1.5, np.nan, "a", None, True])

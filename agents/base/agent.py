@@ -121,6 +121,7 @@ class Agent(ABC):
     """A controller of the black box.
 
     Attributes:
+        name: Under which `agents.make` made it; else empty.
         privileged: What it requires beyond the standard observations, by the names of `tell=`; mostly empty.
         prior_knowledge: What it is built on beyond its observations; every table prints it.
         rows: How many arms, all in one world, it learns from at once where it can.
@@ -134,6 +135,7 @@ class Agent(ABC):
         ValueError: The environment does not tell what it requires, or a setting is not allowed.
     """
 
+    name: str = ""
     privileged: ClassVar[tuple[str, ...]] = ()
     prior_knowledge: frozenset[PriorKnowledge] = frozenset()
     rows: int = 1

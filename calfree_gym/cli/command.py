@@ -160,7 +160,12 @@ def _parser() -> argparse.ArgumentParser:
     option(watches, "--port", "of the page on localhost", type=int, default=8008)
     option(watches, "--out", "a picture, written again and again, in place of the page", type=Path)
     option(watches, "--display_data", "in LeRobot's viewer", type=_flag, nargs="?", const=True, default=False)
-    option(reaches, "--agent", "its name", default="memory")
+    option(
+        reaches,
+        "--agent",
+        "its name; docs/agents.md has all, and so has the error where there is no such agent",
+        default="memory",
+    )
     option(reaches, "--reaches", "how many", type=int, default=10)
     option(reaches, "--speed", "degrees a second, at most", type=float, default=60.0)
     option(reaches, "--tolerance-px", "of the rendezvous, of 512 px of an image", type=float, default=4.0)

@@ -12,9 +12,11 @@ from calfree_gym.cli.recording import Recording
 from calfree_gym.cli.report import write_report
 from calfree_gym.cli.robots import Ask, connecting
 from calfree_gym.errors import check_choice, check_whole
-from calfree_gym.lerobot import ArmError, LeRobotReachEnv
+from calfree_gym.lerobot import ArmError, LeRobotReachEnv, knowledge
 from calfree_gym.lerobot.robot import LeRobot
 from calfree_gym.picture_reach import PairTracker
+
+REPORT = "report.html"
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,25 @@ class ReachRun:
     def check(self) -> None:
         """Raises ValueError or OSError where something cannot be; asks no robot."""
         check_choice("agent", self.agent, agents_package().names())
+        if agents_package().learns_by_rewards(self.agent):
+            raise ValueError(
+                f"agent is {self.agent!r}, which learns by rewards, in 100,000s of motions: too many for a "
+                "real arm; allowed: agents that need no rewards, such as memory"
+            )
         check_whole("reaches", self.reaches, 1, 10**6)
         if self.load is not None and not self.load.is_file():
             raise FileNotFoundError(f"--load {self.load}: there is no such file")
+        if self.load is not None:
+            knowledge.read(self.load, self.unit, self.agent, self.motors)
         if self.save is not None and not self.save.absolute().parent.is_dir():
             raise FileNotFoundError(f"--save {self.save}: there is no such folder")
+        if self.save is not None and self.save.exists() and not (self.load and self.save.samefile(self.load)):
+            raise FileExistsError(
+                f"--save {self.save}: there is such a file; give --load={self.save} too, to go on with it, "
+                "or another name"
+            )
+        if (self.out / REPORT).exists():
+            raise FileExistsError(f"--out {self.out}: it holds a {REPORT}; give another folder")
 
 
 def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
@@ -73,10 +89,7 @@ def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
         )
     agent = agents_package().make(run.agent, env)
     if run.load is not None:
-        try:
-            env.load(agent, run.load)
-        except ValueError as caught:
-            raise ValueError(f"--load {run.load}: {caught}") from caught
+        env.load(agent, run.load)
     run.out.mkdir(parents=True, exist_ok=True)
     recording.begin(env, agent)
     error = ""
@@ -98,7 +111,7 @@ def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
 
 
 def _report(run: ReachRun, recording: Recording, error: str) -> None:
-    page, moving = run.out / "report.html", film(recording.reaches, recording.noticed)
+    page, moving = run.out / REPORT, film(recording.reaches, recording.noticed)
     outcomes = [each.outcome for each in recording.reaches if each.outcome]
     reached = sum(each.reached for each in outcomes)
     settings = {

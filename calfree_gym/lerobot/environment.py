@@ -14,7 +14,7 @@ import numpy as np
 
 from calfree_gym.errors import check_positive, check_whole
 from calfree_gym.lerobot import knowledge
-from calfree_gym.lerobot.faults import PATIENCE, ArmError, SeenPlaces, Tolerated, saved
+from calfree_gym.lerobot.faults import ArmError, saved
 from calfree_gym.lerobot.frames import Frames
 from calfree_gym.lerobot.mixed_cameras import MixedCameras
 from calfree_gym.lerobot.motors import AHEAD, Motors, Tick
@@ -27,7 +27,15 @@ from calfree_gym.lerobot.robot import (
     read_encoders,
 )
 from calfree_gym.lerobot.torque import Torque
-from calfree_gym.picture_reach import Array, PairTracker, PictureLook, PictureReach, Pictures, numbers
+from calfree_gym.picture_reach import (
+    PATIENCE,
+    Array,
+    PairTracker,
+    PictureLook,
+    PictureReach,
+    Pictures,
+    numbers,
+)
 from calfree_gym.vision import Marks
 
 SLOWLY = 0.25
@@ -140,12 +148,12 @@ class LeRobotReachEnv(PictureReach):
         self._frames, self._mixed = Frames(shown), MixedCameras()
         self._motors = Motors(robot, names, self._frames.note, on_tick)
         self._set_home(self._motors.here if home is None else _home(home, names))
-        self._marks = [f"the {mark} in camera {camera}" for mark in ("gripper", "object") for camera in shown]
+        self._marks = self._marks_in(shown)
         self._own: dict[str, Array] = {}
         self._others: tuple[bool, ...] = ()
         self._back: list[str] = []
         self._stopped: dict[str, None] = {}
-        self._tolerated, self._places, self.over = Tolerated(), SeenPlaces(), False
+        self.over = False
         self._learned: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
 
     def reset(
@@ -157,8 +165,7 @@ class LeRobotReachEnv(PictureReach):
             ArmError: The arm cannot go on; or a mark is not seen wherever the object was placed, three times.
         """
         super().reset(seed=seed)
-        self._tolerated, self._places, self._stopped = Tolerated(), SeenPlaces(), {}
-        self.over = False
+        self._stopped, self.over = {}, False
         with self._holding():
             self._go_home()
             for _ in range(PATIENCE):
@@ -179,11 +186,6 @@ class LeRobotReachEnv(PictureReach):
         """
         with self._holding():
             step = super().step(action)
-            wrong = self._wrong()
-            self._tolerated.count(wrong, self._moved)
-            for fault in self._tolerated.lasting:
-                if fault not in self._marks or self._places.hold(fault, self.registers):
-                    raise self._error(f"for {PATIENCE} motions {wrong[fault]}")
         self.over = step[2] or step[3]
         return step
 
@@ -224,11 +226,14 @@ class LeRobotReachEnv(PictureReach):
 
         Raises:
             FileNotFoundError: There is no such file.
-            ValueError: It is none of those, of other motors or another unit; or a motor cannot go so far from
-                that home.
+            ValueError: It is none of those, or of another agent, other motors or another unit; or a motor
+                cannot go so far from that home.
         """
-        known, home = knowledge.load(path, self._motors.names, self._encoders, self.unit)
-        check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
+        try:
+            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
         agent.load(known)
         self._set_home(home)
         self._learned[agent] = agent.num_timesteps
@@ -293,24 +298,15 @@ class LeRobotReachEnv(PictureReach):
         left, right = self._own.values()
         points, visible = self._tracker(left, right)
         self._now = PictureLook(pictures, points, visible & ~np.tile(self._others, 2))
-        for mark, seen in zip(self._marks, self._now.visible, strict=True):
-            if seen:
-                self._places.note(mark, self.registers)
         return self._now
 
     def _wrong(self) -> dict[str, str]:
-        """What is wrong after a motion that an agent may yet put right, in words, by what it is."""
         others = {
             name: f"camera {name} shows what the other one has shown: have they changed places?"
             for name, other in zip(self._frames.cameras, self._others, strict=True)
             if other
         }
-        hidden = {
-            mark: f"{mark} is not seen"
-            for mark, seen in zip(self._marks, self._now.visible, strict=True)
-            if not seen and not others
-        }
-        return others | hidden | {name: f"motor {name} stays back" for name in self._back}
+        return (others or super()._wrong()) | {name: f"motor {name} stays back" for name in self._back}
 
     def _error(self, what: str) -> ArmError:
         return ArmError(what, saved(self._frames.pictures))

@@ -31,35 +31,80 @@ def save(
         unit: Degrees of one register.
     """
     ticks = {name: encoders[name].ticks(at) + encoders[name].offset for name, at in home.items() if encoders}
+    kept = {"agent": _name(agent), "unit": unit, "degrees": dict(home), "ticks": ticks}
     saved = BytesIO()
     agent.save(saved)
     with whole(path) as place, zipfile.ZipFile(place, "w") as file:
         file.writestr(AGENT, saved.getvalue())
-        file.writestr(HOME, json.dumps({"unit": unit, "degrees": dict(home), "ticks": ticks}))
+        file.writestr(HOME, json.dumps(kept))
 
 
-def load(
-    path: str | Path, motors: Sequence[str], encoders: Mapping[str, Encoder], unit: float
-) -> tuple[BytesIO, Array]:
-    """What an agent saved; and home (m,) in degrees, of motors as they are calibrated now.
+class SavedKnowledge(BytesIO):
+    """What an agent saved, open; messages name it by the file that it stands in."""
+
+    def __init__(self, content: bytes, path: str | Path) -> None:
+        super().__init__(content)
+        self._path = path
+
+    def __str__(self) -> str:
+        return str(self._path)
+
+
+def read(
+    path: str | Path, unit: float, agent: str, motors: Sequence[str] | None = None
+) -> tuple[SavedKnowledge, dict[str, float], dict[str, float]]:
+    """What an agent saved, and home in degrees and in ticks.
+
+    Args:
+        path: Of the file.
+        unit: Degrees of one register, here.
+        agent: Its name here, as `agents.make` takes it; empty where it has none.
+        motors: Here; by default any.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It is none that `save` has written, or of other motors, encoders or another unit.
+        ValueError: It is none that `save` has written, or of another agent, other motors or another unit.
     """
     content = Path(path).read_bytes()
     try:
         with zipfile.ZipFile(BytesIO(content)) as file:
             check_size(file)
             known, home = file.read(AGENT), json.loads(file.read(HOME))
-        degrees, ticks, of_unit = dict(home["degrees"]), dict(home["ticks"]), home["unit"]
+        degrees, ticks = dict(home["degrees"]), dict(home["ticks"])
+        then = {"unit": home["unit"], "agent": home.get("agent"), "motors": ",".join(degrees)}
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is no file that the environment's save has written: {error!r}") from error
-    then, now = (list(degrees), of_unit, bool(ticks)), (list(motors), unit, bool(encoders))
-    if then != now:
-        raise ValueError(f"{path} is of (motors, unit, whether there are encoders) {then}; here it is {now}")
+    here = {
+        "unit": unit,
+        "agent": agent if then["agent"] and agent else then["agent"],
+        "motors": then["motors"] if motors is None else ",".join(motors),
+    }
+    if other := [what for what in then if then[what] != here[what]]:
+        found = " and ".join(f"{what} {then[what]} (here {here[what]})" for what in other)
+        fits = " ".join(f"--{what}={then[what]}" for what in other)
+        raise ValueError(f"{path} is of {found}; allowed: {fits}, or another file")
+    return SavedKnowledge(known, path), degrees, ticks
+
+
+def load(
+    path: str | Path, agent: Any, motors: Sequence[str], encoders: Mapping[str, Encoder], unit: float
+) -> tuple[SavedKnowledge, Array]:
+    """What an agent saved; and home (m,) in degrees, of motors as they are calibrated now.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: See `read`; or it is of other encoders.
+    """
+    known, degrees, ticks = read(path, unit, _name(agent), motors)
+    if bool(ticks) != bool(encoders):
+        has = "has encoders", "has none"
+        raise ValueError(f"{path} is of a robot that {has[not ticks]}; this one {has[not encoders]}")
     kept: dict[str, Any] = {name: (ticks or degrees).get(name) for name in motors}
     if not all(isinstance(at, int | float) and abs(at) < 2**32 for at in kept.values()):
         raise ValueError(f"{path} has home at {kept}; allowed: a finite number of each motor")
     here = [encoders[name].degrees(at - encoders[name].offset) if ticks else at for name, at in kept.items()]
-    return BytesIO(known), np.array(here, float)
+    return known, np.array(here, float)
+
+
+def _name(agent: Any) -> str:
+    return getattr(agent, "name", "")

@@ -13,6 +13,8 @@ from calfree_gym.picture_reach import Array
 
 POSITION = ".pos"
 """How the keys of positions end."""
+FEWEST = 3
+"""Motors that reaching needs, for the object may be anywhere in space."""
 HALF_TURN = 180.0
 """In degrees."""
 FULL_TURN = 4095
@@ -51,7 +53,8 @@ def checked_motors(robot: LeRobot, motors: Sequence[str] | None) -> tuple[str, .
     """The names of the motors that are to move; by default all but a gripper's.
 
     Raises:
-        ValueError: The robot has no such motors, or takes other actions than positions; names them.
+        ValueError: The robot has no such motors, they are fewer than three, or it takes other actions than
+            positions; names them.
     """
     actions = tuple(robot.action_features)
     if others := [key for key in actions if not key.endswith(POSITION)]:
@@ -66,6 +69,10 @@ def checked_motors(robot: LeRobot, motors: Sequence[str] | None) -> tuple[str, .
     there = [key.removesuffix(POSITION) for key in actions]
     chosen = [name for name in there if "gripper" not in name] if motors is None else list(motors)
     _check_names("motor", chosen, there)
+    if len(chosen) < FEWEST:
+        raise ValueError(
+            f"the motors are {', '.join(chosen)}; reaching needs {FEWEST} or more; it has {', '.join(there)}"
+        )
     return tuple(chosen)
 
 

@@ -83,7 +83,10 @@ def read_image(picture: Path) -> Image:
         OSError: It cannot be read.
         ValueError: It is no image that OpenCV knows.
     """
-    data = np.frombuffer(picture.read_bytes(), np.uint8)
+    try:
+        data = np.frombuffer(picture.read_bytes(), np.uint8)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{picture}: there is no such file") from None
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if image is None:
         raise ValueError(f"{picture} is no image; allowed: what OpenCV reads, such as PNG and JPEG")

@@ -193,6 +193,9 @@ def test_pick_is_that_of_the_package_of_vision(tmp_path, capsys):
 ROBOT = ["--robot.type=so101_follower", "--robot.port=/dev/ttyACM0", "--robot.id=arm"]
 
 
+THREE = "shoulder_pan,shoulder_lift,elbow_flex"
+
+
 class NoRobot:
     """One that must not be asked for anything."""
 
@@ -206,6 +209,8 @@ class Absent(FakeSO101):
 
 class Saved:
     """An agent that no other one can load."""
+
+    name = "memory"
 
     def save(self, path):
         path.write(b"another agent's")
@@ -241,9 +246,17 @@ NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
         (NoRobot, "reach --speed=fast", "invalid float value: 'fast'"),
         (NoRobot, "reach --load=none.zip", "--load none.zip: there is no such file"),
         (NoRobot, "reach --save=none/arm.zip", "--save none/arm.zip: there is no such folder"),
+        (NoRobot, "reach --save=here", "--save here: there is such a file; give --load=here too"),
+        (NoRobot, "reach --save=here --load=arm.calfree", "--save here: there is such a file"),
+        (NoRobot, "reach --out=.", "--out .: it holds a report.html; give another folder"),
+        (NoRobot, "pick none.png --box 1 1 9 9 --mark object", "none.png: there is no such file"),
         (FakeSO101, "check --cameras=left,rigth", "no camera 'rigth' (did you mean right?)"),
         (FakeSO101, "check --cameras=left", "it must be the names of two of left, right"),
         (FakeSO101, "check --motors=elbow", "no motor 'elbow' (did you mean elbow_flex?)"),
+        *(
+            (FakeSO101, f"{command} --motors=elbow_flex,wrist_roll", "reaching needs 3 or more")
+            for command in ("check", "reach")
+        ),
         (FakeSO101, "check --unit=0", "unit is 0.0; it must be a number above 0"),
         (FakeSO101, "watch --cameras=front,right", "no camera 'front'"),
         (FakeSO101, "watch --port=70000", "choose another one with --port"),
@@ -251,12 +264,22 @@ NO_ANSWER = "the robot cannot be connected: FeetechMotorsBus motor check failed"
         (FakeSO101, "reach --unit=170", "smaller unit"),
         (FakeSO101, "reach --tolerance-px=-1", "tolerance_px is -1"),
         (FakeSO101, "reach --max-motions=0", "max_motions is 0"),
-        (FakeSO101, "reach --agent=unified_servo --load=arm.calfree", "--load arm.calfree: "),
+        (
+            NoRobot,
+            "reach --agent=unified_servo --unit=20 --load=arm.calfree",
+            "error: arm.calfree is of unit 45.0 (here 20.0) and agent memory (here unified_servo); "
+            "allowed: --unit=45.0 --agent=memory, or another file",
+        ),
+        (NoRobot, f"reach --load=arm.calfree --motors={THREE}", f"arm.calfree is of motors {THREE},"),
+        (NoRobot, "reach --load=here", "here is no file that the environment's save has written"),
+        (FakeSO101, "reach --load=arm.calfree", "error: arm.calfree is damaged"),
         *((Absent, command, NO_ANSWER) for command in ("check", "watch", "reach")),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_moves(robot, command, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    for name in ("here", "other", "report.html"):
+        (tmp_path / name).touch()
     if "arm.calfree" in command:
         LeRobotReachEnv(FakeSO101(), ("left", "right")).save(Saved(), "arm.calfree")
     robot = robot()
@@ -265,6 +288,12 @@ def test_what_cannot_be_is_refused_before_anything_moves(robot, command, said, c
     assert said in capsys.readouterr().err
     if stood is not None:
         np.testing.assert_array_equal(robot.plant.targets, stood)
+
+
+def test_agents_that_learn_by_rewards_are_refused(capsys):
+    pytest.importorskip("stable_baselines3")
+    assert code("reach --agent=ppo", NoRobot()) == 2
+    assert "agent is 'ppo', which learns by rewards" in capsys.readouterr().err
 
 
 def test_a_port_that_is_taken_is_told(capsys):
@@ -305,7 +334,11 @@ class Scripted:
 
 @pytest.fixture
 def run(robot, tmp_path, monkeypatch):
-    package = SimpleNamespace(names=lambda: ["scripted"], make=lambda name, env: Scripted(env))
+    package = SimpleNamespace(
+        names=lambda: ["scripted"],
+        make=lambda name, env: Scripted(env),
+        learns_by_rewards=lambda name: False,
+    )
     monkeypatch.setattr(command, "agents_package", lambda: package)
 
     def run(*arguments, happens=None):
