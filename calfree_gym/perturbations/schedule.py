@@ -291,12 +291,9 @@ class PerturbationScheduler:
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
         self._judge = (judge or Workspaces(1, robot, mounts)) if keep_in_view else None
-        for place, event in events:
+        for _, event in events:
             if not isinstance(event.perturbation, Undo):
-                try:
-                    event.perturbation.check_fits(robot)
-                except ValueError as error:
-                    raise ValueError(f"perturbations.{place}: {error}") from None
+                event.perturbation.check_fits(robot)
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]
         self._to_undo = {e.perturbation.event for _, e in events if isinstance(e.perturbation, Undo)}

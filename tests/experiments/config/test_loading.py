@@ -96,7 +96,7 @@ REDRAWN = AIMED | {"evaluation": EVERY, "env": AIMED["env"] | {"redraw": "trial"
         (
             (*CHANGE, "do", "camera"),
             "lft",
-            "scenarios.0.env: perturbations.0: camera_aim.camera is 'lft' (did you mean left?)",
+            "scenarios.0.env: camera_aim.camera is 'lft' (did you mean left?)",
             "allowed: left, right",
         ),
         (
