@@ -52,8 +52,7 @@ def test_a_knocked_camera_stops_no_servo():
 @pytest.mark.slow
 @pytest.mark.parametrize("script", ["ppo_sb3.py", "ppo_cleanrl.py", "sac_her_sb3.py"])
 def test_learners_learn(script):
-    share = float(re.search(r"([\d.]+)%", output(script).splitlines()[-1])[1])
-    assert share > 50, "to about 90 %, which a processor's rounding moves by some 20"
+    assert float(re.search(r"([\d.]+)%", output(script).splitlines()[-1])[1]) > 75
 
 
 def test_advantages_are_the_returns_of_each_trial(monkeypatch):

@@ -80,7 +80,7 @@ def test_a_motor_that_was_sent_nothing_or_stopped_stands_where_it_stood(seed, er
     for _ in range(4):
         motors.send([0.4, 0.0, 0.0])
     at_stop = motors.estimate.registers
-    rarely = 7 * errors.get("noise", 0.0)  # one word in 2,000 noise passes for a motion
+    rarely = 7 * errors.get("noise", 0.0)  # in 2 of the 1,001 seeds noise passes for a motion
     assert motors.send([0.4, 0.0, 0.0])[0] == pytest.approx(at_stop[0], abs=rarely)
     assert at_stop[0] == pytest.approx(0.5, abs=0.02)
 
