@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import mujoco
@@ -108,7 +108,7 @@ class PerturbedModel:
     def attach(self, model: Any, data: Any) -> None:
         """Takes another model, as built."""
         self.find(model, data)
-        self._as_built = self._left = self._copies()
+        self._as_built = self.copies()
         self._home = _Home(model)
         self._aims: dict[int, Array] = {}
 
@@ -121,14 +121,17 @@ class PerturbedModel:
         self._lamp = next((i for i in range(model.nlight) if model.light_active[i]), None)
         self._written = None
 
-    def follow(self, model: Any, data: Any, world: World) -> None:
-        """Where the environment has built another model, or changed this one, makes it what `world` says."""
+    def follow(self, model: Any, data: Any, world: World, before: Mapping[str, Any]) -> None:
+        """Where a reset has built another model, or changed this one, makes it what `world` says.
+
+        `before` are the `copies` from before the reset.
+        """
         if model is not self.model:
             self.attach(model, data)
             self.write(world)
             return
-        now = self._copies()
-        changed = {name: now[name] != left for name, left in self._left.items()}
+        now = self.copies()
+        changed = {name: now[name] != then for name, then in before.items()}
         if any(each.any() for each in changed.values()):
             for name, field in self._fields().items():
                 field[...] = np.where(changed[name], now[name], self._as_built[name])
@@ -141,7 +144,8 @@ class PerturbedModel:
         fields = {name: getattr(self.model, name) for name in self._WRITTEN}
         return fields | {"ambient": head.ambient, "diffuse": head.diffuse}
 
-    def _copies(self) -> dict[str, Any]:
+    def copies(self) -> dict[str, Any]:
+        """Of all that is written, by name."""
         return {name: field.copy() for name, field in self._fields().items()}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -161,7 +165,6 @@ class PerturbedModel:
         for writer in stale:
             writer(self, world)
         if stale:
-            self._left = self._copies()
             mujoco.mj_camlight(self.model, self.data)
 
     def _read(self) -> World:

@@ -146,9 +146,10 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if begins:
             self._begin()
         self.applied = self._apply_due("trial") + (self._apply_due("motion") if begins else [])
+        before = self._model.copies() if self._model else {}
         observation, info = self.env.reset(seed=seed, options=options)
         if self._model is not None and self.adapter is not None:
-            self._model.follow(*self.adapter.simulation(self.env), self.world)
+            self._model.follow(*self.adapter.simulation(self.env), self.world, before)
         if self._resets == 0 and self.parts.motors:
             rest = None if self.adapter is None else self.adapter.rest(self.env)
             self._rest = middle(self.action_space) if rest is None else np.asarray(rest, float)
