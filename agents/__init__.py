@@ -6,7 +6,7 @@ In the wheel this package is called `calfree_agents`.
 from . import moved as _moved  # noqa: F401 (finds modules under their earlier names)
 from .base.agent import Agent
 from .base.registration import KNOWLEDGE, SERVOS
-from .registry import NEURAL, default_settings, learns_by_rewards, make, names, tasks
+from .registry import NEURAL, default_settings, learns_by_rewards, make, named, names, tasks
 
 __all__ = [
     "KNOWLEDGE",
@@ -16,6 +16,7 @@ __all__ = [
     "default_settings",
     "learns_by_rewards",
     "make",
+    "named",
     "names",
     "tasks",
 ]

@@ -73,11 +73,25 @@ def names(task: str = "reach") -> tuple[str, ...]:
     return tuple(name for name, known in AGENTS.items() if task in known.tasks)
 
 
+def named(name: str) -> NamedAgent:
+    """What stands under a name; for "my_module:mine" `my_module` is imported first, as in `gym.make`.
+
+    Raises:
+        ValueError: An unknown name, with the near misses, or there is no such module.
+    """
+    module, _, own = name.rpartition(":")
+    if module:
+        _import(module, name)
+    if own not in AGENTS:
+        raise ValueError(f"unknown agent {name!r}{near_misses(own, AGENTS)}; allowed: {', '.join(AGENTS)}")
+    return AGENTS[own]
+
+
 def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
     """Makes the agent `name` for `env`.
 
     Args:
-        name: One of `names()`.
+        name: One of `names()`; or "my_module:mine", where `my_module` names a class by `@agent("mine", ...)`.
         env: The environment that it learns in, and whose spaces it acts in; for a learner of
             stable-baselines3 also a batched one.
         **settings: Of the agent; `seed` for all.
@@ -87,10 +101,10 @@ def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
         ValueError: An unknown name, with the near misses, a setting that is not allowed, an arm that the
             agent does not know, with the agents that act on any, or no environment with image points.
     """
-    _check_name(name)
+    found = named(name)
     with _told_whose(name):
         task = task_of(env)
-    known, shape = AGENTS[name].of(task), getattr(getattr(env, "action_space", None), "shape", None)
+    known, shape = found.of(task), getattr(getattr(env, "action_space", None), "shape", None)
     if shape is None or (len(shape) != 1 and not known.batched):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     if task in known.tasks:
@@ -115,10 +129,10 @@ def default_settings(name: str, **given: Any) -> dict[str, Any]:
         ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
-    _check_name(name)
+    known = named(name)
     with _told_what_to_install(name):
-        chosen = AGENTS[name].defaults(given) | given
-        settings = _known_settings(name, AGENTS[name], chosen) | chosen
+        chosen = known.defaults(given) | given
+        settings = _known_settings(name, known, chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
 
 
@@ -129,9 +143,9 @@ def learns_by_rewards(name: str) -> bool:
         ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses.
     """
-    _check_name(name)
+    known = named(name)
     with _told_what_to_install(name):
-        return PriorKnowledge.REWARD in AGENTS[name].kind.prior_knowledge
+        return PriorKnowledge.REWARD in known.kind.prior_knowledge
 
 
 def _known_settings(name: str, known: NamedAgent, chosen: dict[str, Any]) -> dict[str, Any]:
@@ -145,10 +159,17 @@ def _known_settings(name: str, known: NamedAgent, chosen: dict[str, Any]) -> dic
     return allowed
 
 
-def _check_name(name: str) -> None:
-    if name not in AGENTS:
-        hint = near_misses(name, AGENTS)
-        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(AGENTS)}")
+def _import(module: str, name: str) -> None:
+    if not all(part.isidentifier() for part in module.split(".")):
+        raise ValueError(f"agent {name!r}: {module!r} is no name of a module; allowed: my_module:my_agent")
+    try:
+        import_module(module)
+    except ModuleNotFoundError as error:
+        if f"{module}.".startswith(f"{error.name}."):
+            raise ValueError(
+                f"agent {name!r}: Python finds no module {error.name!r}; is PYTHONPATH set?"
+            ) from error
+        raise
 
 
 def _check_arm(name: str, agent: NamedAgent, env: gym.Env[Any, Any]) -> None:

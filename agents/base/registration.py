@@ -80,13 +80,23 @@ def agent(
     fixed: Mapping[str, Any] | None = None,
     defaults: Callable[[Settings], Settings] = lambda given: {},
 ) -> Callable[[C], C]:
-    """Puts the class that follows under a name, see `NamedAgent`; where one stands there, beside it."""
+    """Puts the class that follows under a name, see `NamedAgent`; what does other tasks may stand there too.
+
+    Raises:
+        ValueError: Another class stands there already that does one of these tasks.
+    """
 
     def named(where: C) -> C:
         new = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
         first = AGENTS.get(name)
-        elsewhere = dict.fromkeys(tasks, new)
-        AGENTS[name] = replace(first, elsewhere={**first.elsewhere, **elsewhere}) if first else new
+        others = [first.of(task).where for task in tasks if task in first.tasks] if first else []
+        for other in others:
+            if str(other) != str(where):  # else its module runs again, as in a notebook
+                raise ValueError(f"{name!r} is {other} already; give {where} another name")
+        if first is None or (others and tasks == first.own_tasks):
+            AGENTS[name] = replace(new, elsewhere=first.elsewhere if first else {})
+        else:
+            AGENTS[name] = replace(first, elsewhere={**first.elsewhere, **dict.fromkeys(tasks, new)})
         return where
 
     return named

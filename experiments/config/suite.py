@@ -1,6 +1,6 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -19,7 +19,7 @@ from experiments.config.life import (
     most_motions,
     with_shares_as_motions,
 )
-from experiments.config.model import Model, Name, distinct, distinctly_named, known, one_of
+from experiments.config.model import Model, Name, distinct, distinctly_named, one_of
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -169,14 +169,16 @@ class SweepConfig(Model):
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
-def _names() -> Iterable[str]:
-    return dict.fromkeys(name for task in agents.tasks() for name in agents.names(task))
+def _known(name: str) -> str:
+    agents.named(name)
+    return name
 
 
 class AgentConfig(Model):
     """An agent by name, or a name alone, with its settings.
 
     Attributes:
+        name: See `agents.make`.
         label: Tells apart two of the same name.
         motions: Of its life, where a scenario is counted in motions, in place of the scenario's.
         worlds: How many it meets, in place of the suite's: the first ones of the same seed.
@@ -184,7 +186,7 @@ class AgentConfig(Model):
 
     later = frozenset({"motions", "worlds"})
 
-    name: Annotated[str, known(_names)]
+    name: Annotated[str, AfterValidator(_known)]
     label: Name
     settings: dict[str, Any] = Field(default_factory=dict)
     motions: int | None = Field(default=None, gt=0)
@@ -194,9 +196,10 @@ class AgentConfig(Model):
     @classmethod
     def _label_defaults_to_name(cls, data: Any) -> Any:
         if isinstance(data, str):
-            return {"label": data, "name": data}
+            data = {"name": data}
         if isinstance(data, dict) and "name" in data:
-            return {"label": data["name"], **data}
+            name = data["name"]
+            return {"label": name.rpartition(":")[-1] if isinstance(name, str) else name, **data}
         if not isinstance(data, dict | cls):
             raise ValueError("it must be a name or a mapping")
         return data
@@ -258,12 +261,13 @@ class Suite(Model):
         labels = [agent.label for agent in value]
         distinct(labels, "label")
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
-            able = agents.names(part.env.task)
+            task = part.env.task
             for agent in value:
-                if (part.agents is None or agent.label in part.agents) and agent.name not in able:
+                takes_part = part.agents is None or agent.label in part.agents
+                if takes_part and task not in agents.named(agent.name).tasks:
                     raise ValueError(
-                        f"{agent.label!r} cannot {part.env.task}, as {part.name!r} asks; "
-                        f"allowed: {', '.join(able)}"
+                        f"{agent.label!r} cannot {task}, as {part.name!r} asks; "
+                        f"allowed: {', '.join(agents.names(task))}"
                     )
             for label in part.agents or ():
                 if label not in labels:

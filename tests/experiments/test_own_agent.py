@@ -1,0 +1,113 @@
+"""An agent that stands in a user's own module: by name, in suites, and what is said where it is not found."""
+
+import importlib
+import re
+import sys
+
+import gymnasium as gym
+import pandas as pd
+import pytest
+
+import agents
+from agents.base.registration import AGENTS
+from experiments.__main__ import main
+from experiments.running.versions import code_of
+from tests.experiments.fakes import ids
+
+SOURCE = '''
+from agents.base.registration import agent
+from agents.reference.bounds import RandomAgent
+{more}
+
+@agent({name!r}, "Moves at random.")
+class Own(RandomAgent):
+    """Ours under another name."""
+'''
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """Writes `lab/servo.py`, which Python finds, as a user would have changed it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "lab").mkdir()
+
+    def forget():
+        AGENTS.pop("own", None)
+        for module in ("lab.servo", "lab"):
+            sys.modules.pop(module, None)
+        importlib.invalidate_caches()
+        code_of.cache_clear()
+
+    def write(name="own", more=""):
+        forget()
+        (tmp_path / "lab" / "servo.py").write_text(SOURCE.format(name=name, more=more))
+
+    yield write
+    forget()
+
+
+def test_it_takes_part_under_its_own_name_and_acts_as_its_class(write, suite_data, write_config, tmp_path):
+    write()
+    suite_data["agents"] = ["random", "lab.servo:own"]
+    out = tmp_path / "out"
+    assert main(["run", str(write_config(suite_data)), "--out", str(out)]) == 0
+    results = pd.read_parquet(out / "results.parquet")
+    ours, own = (
+        results[results["agent"] == label].drop(columns=["agent", "run"]) for label in ("random", "own")
+    )
+    measured = [column for column in ours if "seconds" not in column]
+    pd.testing.assert_frame_equal(ours[measured].reset_index(drop=True), own[measured].reset_index(drop=True))
+
+
+def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp_path):
+    write()
+    suite_data["agents"] = ["random", "lab.servo:own"]
+    before = ids(suite_data)
+    write(more="from lab import gain")
+    (tmp_path / "lab" / "gain.py").write_text("GAIN = 1.0")
+    after = ids(suite_data)
+    (tmp_path / "lab" / "gain.py").write_text("GAIN = 2.0")
+    write(more="from lab import gain")
+    last = ids(suite_data)
+    own = [run for run in (*before, *after, *last) if "-own-" in run]
+    assert len({*own}) == len(own) == 6
+    assert {*before} & {*after} & {*last} == {run for run in before if "-random-" in run}
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "asked", "said"),
+    [
+        ("own", "", "lab.servo:owm", "unknown agent 'lab.servo:owm' (did you mean own?)"),
+        ("own", "", "lab.sevo:own", "Python finds no module 'lab.sevo'"),
+        ("own", "", "no_lab.servo:own", "Python finds no module 'no_lab'"),
+        ("own", "", ".servo:own", "'.servo' is no name of a module; allowed: my_module:my_agent"),
+        (
+            "random",
+            "",
+            "lab.servo:random",
+            "'random' is <class 'agents.reference.bounds.RandomAgent'> already",
+        ),
+    ],
+)
+def test_what_is_not_found_or_taken_is_told(write, refused, suite_data, name, more, asked, said):
+    write(name, more)
+    with pytest.raises(ValueError, match=re.escape(said)):
+        agents.make(asked, gym.make("CalFree/Reach-v0"))
+    suite_data["agents"] = ["random", asked]
+    message = refused(suite_data)
+    assert "agents.1.name" in message
+    assert said in message
+
+
+def test_what_its_module_lacks_is_no_missing_agent(write):
+    write(more="import no_such_package")
+    with pytest.raises(ModuleNotFoundError, match="No module named 'no_such_package'"):
+        agents.named("lab.servo:own")
+
+
+def test_its_module_may_run_twice(write):
+    write()
+    first = agents.named("lab.servo:own").kind
+    importlib.reload(sys.modules["lab.servo"])
+    assert agents.named("lab.servo:own").kind is not first
