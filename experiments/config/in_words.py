@@ -120,27 +120,50 @@ def axis_in_words(sweep: SweepConfig) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Knock:
-    """A change of the world at one place of a lifetime: before which trial, where that is known, and what."""
+    """A change of the world at one place of a lifetime.
+
+    Attributes:
+        trial: Before which, counted from 0; None where that is not known.
+        when: In words.
+        words: What changes.
+    """
 
     trial: int | None
+    when: str
     words: str
 
 
 def knocks(scenario: ScenarioConfig) -> list[Knock] | None:
     """The changes of a lifetime in their order; None where the world changes again and again."""
-    schedule = scenario.perturbations
-    if not all("at" in event for event in schedule):
-        return None
+    return _knocks(scenario) if all("at" in event for event in scenario.perturbations) else None
+
+
+def _knocks(scenario: ScenarioConfig) -> list[Knock]:
     found: dict[tuple[str, float], list[str]] = {}
-    for event in schedule:
-        ((clock, place),) = event["at"].items()
-        found.setdefault((clock, place), []).append(_event(event, schedule))
+    for event in scenario.perturbations:
+        if "at" in event:
+            (at,) = event["at"].items()
+            found.setdefault(at, []).append(_event(event, scenario.perturbations))
     length, _ = scenario.length
     ordered = sorted(found, key=lambda at: at[1] * (length if at[0] == "share" else 1))
     return [
-        Knock(int(place) if clock == "trial" else None, ", ".join(found[clock, place]))
+        Knock(int(place) if clock == "trial" else None, _at(clock, place), ", ".join(found[clock, place]))
         for clock, place in ordered
     ]
+
+
+def _at(clock: str, place: float) -> str:
+    if not place:
+        return "from the beginning"
+    if clock == "share":
+        return f"after {place:.0%} of a life".replace("%", " %")
+    return f"before trial {place + 1}" if clock == "trial" else f"after {place:,} motions"
+
+
+def schedule_in_words(scenario: ScenarioConfig) -> str:
+    """All changes of a lifetime, such as "before trial 9: left camera turned by 20°"; of none, nothing."""
+    said = [f"{knock.when}: {knock.words}" for knock in _knocks(scenario)]
+    return "; ".join(filter(None, [*said, again_and_again(scenario)]))
 
 
 def again_and_again(scenario: ScenarioConfig) -> str:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from experiments.config.environment import EnvironmentConfig, as_told
+from experiments.config.in_words import schedule_in_words
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.pages import SummaryRow, summary_row
 from experiments.reporting.tables import Table, counted, must_know, percent, written
@@ -101,10 +102,12 @@ def about(finished: FinishedSuite, scenario: ScenarioConfig) -> str:
     worlds = {*finished.worlds_in(scenario).values()}
     _, of = scenario.length
     lives = {run.work[0] for run in finished.runs if run.where["scenario"] == scenario.name}
+    met = schedule_in_words(scenario)
+    changes = f" {met[0].upper()}{met[1:]}." if met else ""
     return (
         f"{about_environment(scenario.env)}; at most {scenario.env.max_episode_steps} motions a trial, "
         f"{_span(lives)} {of} a life, {_span(worlds)} world{'s' * (max(worlds) > 1)}, the same ones for "
-        f"every agent.{few_worlds(finished, scenario)}"
+        f"every agent.{changes}{few_worlds(finished, scenario)}"
     )
 
 

@@ -6,6 +6,7 @@ Who is told where to go and who moves at random are ceiling and floor, and not c
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import pandas as pd
 
@@ -64,7 +65,8 @@ def table_of(
     """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
 
     With held-out trials: motions per reach before and right after the first change, or at the end where there
-    is none, and the motions lived before it reaches. Else the first and the last trials, or values.
+    is none, and the motions lived before it reaches. Else the first and the last trials, or values; trials
+    before and after the first change, too.
     """
     if isinstance(come_to, HeldOut):
         found, note = _of_held_out(come_to)
@@ -112,13 +114,17 @@ def _until(times: Times | None) -> str:
 
 def _of_trials(own: OwnTrials) -> tuple[_Cells, str]:
     edges = edges_of(own.scenario, (1, *COARSE))
-    column = f"motions per reach in trial 1 → {span(*edges[-2:])}"
+    blocks = list(pairwise(edges))
+    knock = next((each for each in knocks(own.scenario) or () if each.trial), None)
+    after = [first for first, _ in blocks].index(knock.trial) if knock else 0
+    shown = sorted({max(after - 1, 0), after, len(blocks) - 1})
+    column = f"motions per reach in trials {' → '.join(span(*blocks[each]) for each in shown)}"
     found = {}
     for label in own.worlds:
         of_blocks = own.blocks(label, MOTIONS, edges).estimates()
-        found[label] = {column: f"{_motions(of_blocks[0].value)} → {_motions(of_blocks[-1].value)}"}
+        found[label] = {column: " → ".join(_motions(of_blocks[each].value) for each in shown)}
     note = f"Of the median world, in the agents' own trials; one that fails counts as {own.cap} motions."
-    return found, note
+    return found, note + (f" {knock.when.capitalize()}: {knock.words}." if knock else "")
 
 
 def _of_sweep(found: Swept) -> tuple[_Cells, str]:

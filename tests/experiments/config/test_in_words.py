@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from calfree_gym.perturbations import TYPES
-from experiments.config.in_words import Knock, again_and_again, axis_in_words, in_words, knocks
+from experiments.config.in_words import (
+    Knock,
+    again_and_again,
+    axis_in_words,
+    in_words,
+    knocks,
+    schedule_in_words,
+)
 from experiments.config.suite import ScenarioConfig, SweepConfig
 
 AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}
@@ -54,16 +61,27 @@ def test_knocks_stand_in_the_order_of_a_life():
     reverse = {"at": {"motion": 80}, "do": {"type": "motor_sign"}}
     found = knocks(scenario(replace, {"at": {"motion": 40}, "do": AIM}, reverse))
     assert found == [
-        Knock(None, "left camera turned by 20°"),
-        Knock(None, "left camera replaced, a motor reversed"),
+        Knock(None, "after 40 motions", "left camera turned by 20°"),
+        Knock(None, "after 80 motions", "left camera replaced, a motor reversed"),
     ]
     back = {"at": {"trial": 6}, "undo": 0}
     found = knocks(scenario({"at": {"trial": 4}, "do": AIM}, back, trials=8))
     assert found == [
-        Knock(4, "left camera turned by 20°"),
-        Knock(6, "undone: left camera turned by 20°"),
+        Knock(4, "before trial 5", "left camera turned by 20°"),
+        Knock(6, "before trial 7", "undone: left camera turned by 20°"),
     ]
     assert knocks(scenario()) == []
+
+
+def test_a_schedule_says_when_everything_changes():
+    noise = {"at": {"motion": 0}, "do": {"type": "point_noise", "px": 2}}
+    roll = {"every": {"motion": 12}, "do": {"type": "camera_roll", "camera": "left"}}
+    replace = {"at": {"share": 0.25}, "do": {"type": "camera_replace", "camera": "left"}}
+    assert schedule_in_words(scenario(roll, replace, noise)) == (
+        "from the beginning: image noise of 2 px; after 25 % of a life: left camera replaced; "
+        "every 12 motions: left camera rolled by any angle"
+    )
+    assert schedule_in_words(scenario()) == ""
 
 
 def test_what_changes_all_the_time_is_no_knock():

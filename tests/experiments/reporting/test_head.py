@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import agents
+from experiments.reporting.by_trial import own_trials
 from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import about, few_worlds
 from experiments.reporting.head import sentences, table_of
@@ -116,6 +117,25 @@ def test_who_is_in_few_worlds_is_not_ranked_beside_the_others(finished):
     said = " ".join(sentences(*both(finished(*five(), agents=few))))
     assert f"{WORDS['unified_servo']} needs the fewest motions per reach" in said
     assert WORDS["memory"] not in said
+
+
+def test_own_trials_are_told_before_and_after_a_change(suite_data):
+    (aimed,) = suite_data["scenarios"]
+    aimed = {key: value for key, value in aimed.items() if key != "motions"} | {"trials": 8}
+    knock = {"at": {"trial": 5}, "do": aimed["perturbations"][0]["do"]}
+    rows = [(world, trial, 9 if trial == 5 else 2 + trial) for world in range(3) for trial in range(8)]
+    rows = results("world trial motions", rows, agent="memory", phase="train", robot_seconds=9.0)
+    told = {}
+    for events in ([knock], []):
+        suite = {**suite_data, "worlds": 3, "agents": ["memory"], "evaluation": None}
+        of = finished_suite({**suite, "scenarios": [{**aimed, "perturbations": events}]}, rows)
+        table = table_of(of, of.suite.scenarios[0], own_trials(of, of.suite.scenarios[0]))
+        told[bool(events)] = (table.header[2], table.rows[0][2], table.note, about(of, of.suite.scenarios[0]))
+    assert told[True][:2] == ("motions per reach in trials 2–5 → 6 → 7–8", "4.5 → 9.0 → 8.5")
+    assert told[True][2].endswith("Before trial 6: left camera turned by 20°.")
+    assert "Before trial 6: left camera turned by 20°." in told[True][3]
+    assert told[False][:2] == ("motions per reach in trials 1 → 2–8", "2.0 → 6.3")
+    assert "trial 6" not in told[False][2] + told[False][3]
 
 
 def both(finished):
