@@ -20,6 +20,7 @@ from experiments.config.life import (
     with_shares_as_motions,
 )
 from experiments.config.model import Model, Name, distinct, distinctly_named, one_of
+from experiments.config.own_agents import code_here, is_told, known
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -169,11 +170,6 @@ class SweepConfig(Model):
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
-def _known(name: str) -> str:
-    agents.named(name)
-    return name
-
-
 class AgentConfig(Model):
     """An agent by name, or a name alone, with its settings.
 
@@ -182,15 +178,17 @@ class AgentConfig(Model):
         label: Tells apart two of the same name.
         motions: Of its life, where a scenario is counted in motions, in place of the scenario's.
         worlds: How many it meets, in place of the suite's: the first ones of the same seed.
+        code: Of an agent in a module of the user's, which code that is; found where it is not given.
     """
 
-    later = frozenset({"motions", "worlds"})
+    later = frozenset({"motions", "worlds", "code"})
 
-    name: Annotated[str, AfterValidator(_known)]
+    name: Annotated[str, AfterValidator(known)]
     label: Name
     settings: dict[str, Any] = Field(default_factory=dict)
     motions: int | None = Field(default=None, gt=0)
     worlds: int | None = Field(default=None, gt=0)
+    code: Annotated[str, AfterValidator(code_here)] = Field(default="", validate_default=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -263,8 +261,9 @@ class Suite(Model):
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
             task = part.env.task
             for agent in value:
-                takes_part = part.agents is None or agent.label in part.agents
-                if takes_part and task not in agents.named(agent.name).tasks:
+                if is_told(agent.name, info) or agent.label not in (part.agents or labels):
+                    continue
+                if task not in agents.named(agent.name).tasks:
                     raise ValueError(
                         f"{agent.label!r} cannot {task}, as {part.name!r} asks; "
                         f"allowed: {', '.join(agents.names(task))}"

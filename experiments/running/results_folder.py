@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from calfree_gym.files import whole
+from experiments.config.own_agents import TOLD
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.run import runs_of
@@ -96,10 +97,10 @@ def damaged(path: Path, what: object) -> ConfigError:
 
 
 def suite_written_down(found: dict[str, Any]) -> Suite:
-    """A suite from its JSON; without claims of 0.1, whose criteria name no null agent."""
+    """A suite from its JSON, which imports nothing; without claims of 0.1, which have no null agents."""
     claims = found.get("claims") or []
     can_fail = [each for each in claims if all("null_agent" in of for of in each["criteria"])]
-    return Suite.model_validate(found | {"claims": can_fail})
+    return Suite.model_validate(found | {"claims": can_fail}, context=TOLD)
 
 
 def read_suite(out: Path) -> tuple[Suite, str]:

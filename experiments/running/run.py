@@ -11,7 +11,6 @@ from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.environment import digest
 from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, Model, ScenarioConfig, Suite, SweepConfig
-from experiments.running.versions import code_of
 
 _WORLD, _EVALUATION, _AGENT = range(3)
 
@@ -36,8 +35,7 @@ class Run(Model):
     def id(self) -> str:
         """A name for the run's folder: readable words, then the hash of the whole content.
 
-        An arm stands in it by its digest, wherever its files are; the built-in one does not stand in it. An
-        agent that is not ours stands in it by its code too.
+        An arm stands in it by its digest, wherever its files are; the built-in one does not stand in it.
         """
         content = json.dumps(_with_digests(self.model_dump(mode="json")), sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()[:12]
@@ -124,8 +122,6 @@ def _with_digests(content: dict[str, Any]) -> dict[str, Any]:
     arm = part["env"].pop("arm")
     if arm != MOVEMASTER_NAME:
         part["env"]["arm"] = digest(arm)
-    if module := content["agent"]["name"].rpartition(":")[0]:
-        content["agent"]["code"] = code_of(module)
     return content
 
 

@@ -1,13 +1,11 @@
 """Which code and which packages made a result."""
 
-import hashlib
 import platform
 import subprocess
-from collections.abc import Iterable
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
+
+from experiments.config.own_agents import hash_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 UNKNOWN = "unknown"
@@ -33,7 +31,6 @@ WHAT_MAKES_A_RESULT = (
 )
 MAKES_REPORTS = ("calfree_gym", "agents", "experiments", ":(exclude)experiments/results", "configs")
 """Sources of results and reports, as git takes them; kept results are none."""
-_KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 
 
 def versions(also: tuple[str, ...] = ()) -> dict[str, str]:
@@ -71,23 +68,4 @@ def is_of_no_commit(name: str) -> bool:
 
 def _code(also: tuple[str, ...]) -> str:
     """A hash over all our sources that can change a result; commits would miss edits."""
-    return _hash([REPOSITORY / root for root in (*WHAT_MAKES_A_RESULT, *also)], REPOSITORY)
-
-
-@cache
-def code_of(module: str) -> str:
-    """A hash over the sources of the package that a module is in, or of the module where it is in none."""
-    spec = find_spec(module.partition(".")[0])
-    assert spec is not None, module
-    roots = [Path(root) for root in spec.submodule_search_locations or [spec.origin or ""]]
-    return _hash(roots, roots[0].parent)
-
-
-def _hash(roots: Iterable[Path], above: Path) -> str:
-    """Over the files in folders, or files, by their names below a folder."""
-    digest = hashlib.sha256()
-    for path in roots:
-        files = [path] if path.is_file() else [file for kind in _KINDS for file in path.rglob(kind)]
-        for file in sorted(files):
-            digest.update(str(file.relative_to(above)).encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:12]
+    return hash_of([REPOSITORY / root for root in (*WHAT_MAKES_A_RESULT, *also)], REPOSITORY)

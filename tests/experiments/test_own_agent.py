@@ -11,8 +11,9 @@ import pytest
 import agents
 from agents.base.registration import AGENTS
 from experiments.__main__ import main
-from experiments.running.versions import code_of
-from tests.experiments.fakes import ids
+from experiments.config.own_agents import code_of
+from experiments.running.run import parse_run
+from tests.experiments.fakes import ids, runs
 
 SOURCE = '''
 from agents.base.registration import agent
@@ -47,7 +48,9 @@ def write(tmp_path, monkeypatch):
     forget()
 
 
-def test_it_takes_part_under_its_own_name_and_acts_as_its_class(write, suite_data, write_config, tmp_path):
+def test_it_takes_part_as_its_class_and_its_results_are_read_without_it(
+    write, suite_data, write_config, tmp_path, capsys
+):
     write()
     suite_data["agents"] = ["random", "lab.servo:own"]
     out = tmp_path / "out"
@@ -58,15 +61,31 @@ def test_it_takes_part_under_its_own_name_and_acts_as_its_class(write, suite_dat
     )
     measured = [column for column in ours if "seconds" not in column]
     pd.testing.assert_frame_equal(ours[measured].reset_index(drop=True), own[measured].reset_index(drop=True))
+    before = (out / "report.md").read_text()
+
+    write(more="raise RuntimeError('imported')")
+    for source in (out, out / "results.parquet"):
+        assert main(["report", str(source), "--out", str(tmp_path / "again")]) == 0
+        assert (tmp_path / "again" / "report.md").read_text() == before
+    assert main(["status", str(out)]) == 0
+    assert "lab.servo" not in sys.modules
+    told = (out / "suite.json").read_text()
+    (out / "suite.json").write_text(told.replace("lab.servo:own", "<b>:own"))
+    assert main(["status", str(out)]) == 2
+    assert "allowed: my_module:my_agent" in capsys.readouterr().err
 
 
 def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp_path):
     write()
     suite_data["agents"] = ["random", "lab.servo:own"]
     before = ids(suite_data)
+    ordered = next(run for run in runs(suite_data) if run.agent.label == "own").model_dump_json()
+    assert parse_run(ordered).id in before
     write(more="from lab import gain")
     (tmp_path / "lab" / "gain.py").write_text("GAIN = 1.0")
     after = ids(suite_data)
+    with pytest.raises(ValueError, match="own' is other code here"):
+        parse_run(ordered)
     (tmp_path / "lab" / "gain.py").write_text("GAIN = 2.0")
     write(more="from lab import gain")
     last = ids(suite_data)
