@@ -1,15 +1,13 @@
 """A results folder: what stands where, written so that a kill at any moment loses nothing."""
 
 import json
-import os
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from calfree_gym.files import whole
@@ -123,41 +121,24 @@ def commit_of(out: Path) -> str:
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
     """Holds the folder for one runner, until that has ended, however it ends; there is no other meanwhile."""
-    descriptor = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        start = time.monotonic()
-        while not _try_lock(descriptor):
-            if time.monotonic() - start > PATIENCE:
-                raise ConfigError(
-                    f"{out}: another runner is at work here; wait for it, or give another --out"
-                )
-            time.sleep(0.1)
-        yield
-    finally:
-        os.close(descriptor)
+        with FileLock(out / LOCK, timeout=PATIENCE):
+            yield
+    except Timeout:
+        raise ConfigError(
+            f"{out}: another runner is at work here; wait for it, or give another --out"
+        ) from None
 
 
 def at_work(out: Path) -> bool:
     """Whether a runner is at work in the folder."""
     if not (out / LOCK).exists():
         return False
-    descriptor = os.open(out / LOCK, os.O_RDWR)
     try:
-        return not _try_lock(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _try_lock(descriptor: int) -> bool:
-    if sys.platform == "win32":
+        with FileLock(out / LOCK, timeout=0):
+            return False
+    except Timeout:
         return True
-    import fcntl
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
