@@ -35,6 +35,8 @@ AGENTS, BUDGETS = "agents", "budgets"
 """Tables that no result keeps: one is made from the code alone, one from the times of all kept suites."""
 CORES = 2
 """On which kept results are made."""
+SESSION = 150
+"""Minutes: a group of suites takes no longer, where none of them does."""
 _MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S.*?)|(?P<end>end of table)) -->$", re.MULTILINE)
 
 
@@ -90,14 +92,23 @@ def agents_table() -> Table:
 
 
 def budgets_table(kept: Path = KEPT) -> Table:
-    """How long each suite that keeps its times has taken, and what it is for."""
+    """How long each suite that keeps its times has taken, what it is for, and what is made with it."""
+    minutes = {
+        times.parent.name: read_times(times)["wall_seconds"].sum() / 60 / CORES
+        for times in kept.glob(f"*/{TIMES}")
+    }
+    sums: list[float] = []
     rows = []
-    for times in sorted(kept.glob(f"*/{TIMES}")):
-        suite = times.parent.name
+    for suite in sorted(minutes, key=lambda suite: -minutes[suite]):
+        group = next((i for i, found in enumerate(sums) if found + minutes[suite] <= SESSION), len(sums))
+        if group == len(sums):
+            sums.append(0.0)
+        sums[group] += minutes[suite]
         question = read_mapping(REPOSITORY / "configs" / f"{suite}.yaml")["question"]
-        minutes = read_times(times)["wall_seconds"].sum() / 60 / CORES
-        rows.append((f"`{suite}`", f"{minutes:.0f}", question))
-    return Table.of(BUDGETS, "Budgets", ["suite", "minutes on two cores", "what it asks"], rows)
+        rows.append((group + 1, f"`{suite}`", f"{minutes[suite]:.0f}", question))
+    return Table.of(
+        BUDGETS, "Budgets", ["group", "suite", "minutes on two cores", "what it asks"], sorted(rows)
+    )
 
 
 def _chosen(table: Table, columns: str, without: str) -> Table:

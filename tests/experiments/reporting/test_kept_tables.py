@@ -51,7 +51,14 @@ def test_budgets_are_the_times_of_runs_on_two_cores(kept):
     times = "run,wall_seconds,decision,learning\na,200,,\nb,160.0,1e-3,\n"
     (kept / "quick" / "timings.csv").write_text(times)
     (row,) = tables_named("budgets", kept).splitlines()[2:]
-    assert row.startswith("| `quick` | 3 | A camera is knocked")
+    assert row.startswith("| 1 | `quick` | 3 | A camera is knocked")
+    for suite, minutes in (("paper", 100), ("arms", 60), ("rivals", 47)):
+        (kept / suite).mkdir()
+        seconds = minutes * 60 * kept_tables.CORES
+        (kept / suite / "timings.csv").write_text(f"run,wall_seconds,decision,learning\na,{seconds},,\n")
+    groups = [row.split("|")[1:4] for row in tables_named("budgets", kept).splitlines()[2:]]
+    found = [(int(group), suite.strip(" `"), int(minutes)) for group, suite, minutes in groups]
+    assert found == [(1, "paper", 100), (1, "quick", 3), (1, "rivals", 47), (2, "arms", 60)]
 
 
 def test_a_suite_is_one_table_a_scenario(kept, finished_once):
