@@ -1,6 +1,6 @@
 """Errors that the user sees as one message, without a traceback."""
 
-import re
+from calfree_gym.errors import printable
 
 
 class ConfigError(ValueError):
@@ -8,8 +8,3 @@ class ConfigError(ValueError):
 
     def __str__(self) -> str:
         return printable(super().__str__())
-
-
-def printable(text: str) -> str:
-    """A text without what a terminal would obey: names and logs are of whoever wrote them."""
-    return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", "\N{REPLACEMENT CHARACTER}", text)

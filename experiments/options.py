@@ -20,6 +20,18 @@ def add_config(parser: Parser) -> None:
     )
 
 
+def add_import(parser: Parser) -> None:
+    """Adds the modules that a configuration may have imported."""
+    parser.add_argument(
+        "--import",
+        action="append",
+        default=[],
+        dest="modules",
+        metavar="MODULE",
+        help="trust agents of a module of yours, or of a package of modules (repeatable)",
+    )
+
+
 def whole(least: int) -> Callable[[str], int]:
     """A type of options: whole numbers from `least` on."""
 

@@ -17,6 +17,7 @@ from calfree_gym.cli.reach import ReachRun, reach
 from calfree_gym.cli.robots import FLAG, Ask, lerobot_robot, supported
 from calfree_gym.cli.standing import StandingRobot
 from calfree_gym.cli.watch import Page, to_file, to_lerobot, watch
+from calfree_gym.errors import printable
 from calfree_gym.lerobot import ArmError
 from calfree_gym.lerobot.robot import LeRobot
 from calfree_gym.picture_reach import PairTracker, tracker_of
@@ -55,10 +56,10 @@ def main(
         try:
             return _run(options, flags, make_robot, ask)
         except ArmError as error:
-            print(f"error: {str(error).strip()}", file=sys.stderr)
+            print(f"error: {printable(str(error).strip())}", file=sys.stderr)
             return 1
         except (ValueError, OSError, ImportError) as error:
-            print(f"error: {str(error).strip()}", file=sys.stderr)
+            print(f"error: {printable(str(error).strip())}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             return INTERRUPTED

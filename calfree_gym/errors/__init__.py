@@ -4,6 +4,7 @@ import difflib
 import functools
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable
 from numbers import Integral
 from typing import ParamSpec
@@ -15,6 +16,11 @@ def near_misses(name: object, known: Iterable[str]) -> str:
     """A hint such as `" (did you mean wild?)"`, or nothing."""
     close = difflib.get_close_matches(str(name), list(known))
     return f" (did you mean {' or '.join(close)}?)" if close else ""
+
+
+def printable(text: str) -> str:
+    """A text without what a terminal would obey: names and logs are of whoever wrote them."""
+    return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", "\N{REPLACEMENT CHARACTER}", text)
 
 
 def to_install(extra: str) -> str:

@@ -86,17 +86,22 @@ _MOST_BYTES = 2**24
 """Of a YAML file. Choice: one has thousands."""
 
 
-def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
+def load(path: Path, overrides: Sequence[str] = (), modules: Sequence[str] = ()) -> Suite:
     """Reads and validates a suite; every environment, and every agent in it, is built once.
 
     An agent's `settings`, and `claims`, may name a YAML file, relative to this one; `extends` names one
-    beside it, whose keys it takes where it has none of its own. Overrides are such as "worlds=2".
+    beside it, whose keys it takes where it has none of its own. Overrides are such as "worlds=2". Of agents'
+    modules none are imported but these, and what is in them.
     """
-    return load_as(Suite, path, overrides, _unbuildable)
+    return load_as(Suite, path, overrides, _unbuildable, modules)
 
 
 def load_as(
-    model: type[Config], path: Path, overrides: Sequence[str], wrong_in: Callable[[Config], dict[str, str]]
+    model: type[Config],
+    path: Path,
+    overrides: Sequence[str],
+    wrong_in: Callable[[Config], dict[str, str]],
+    modules: Sequence[str] = (),
 ) -> Config:
     """Reads a configuration of some kind, and then asks `wrong_in` what is wrong where, by paths of keys.
 
@@ -109,7 +114,7 @@ def load_as(
     data = read_mapping(path)
     data = with_overrides(_with_other_files(data, path.parent), overrides)
     try:
-        config = model.model_validate(_with_other_files(data, path.parent))
+        config = model.model_validate(_with_other_files(data, path.parent), context=modules)
     except ValidationError as error:
         wrong = [_describe(details, model) for details in _own_errors(error)]
     else:

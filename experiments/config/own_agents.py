@@ -26,6 +26,10 @@ def is_told(name: str, info: ValidationInfo) -> bool:
 def known(name: str, info: ValidationInfo) -> str:
     """The name of an agent that there is, or where none is imported could be."""
     if not is_told(name, info):
+        module = name.rpartition(":")[0]
+        trusted = [module] if info.context is None else info.context
+        if module and not any(f"{module}.".startswith(f"{each}.") for each in trusted):
+            raise ValueError(f"its module is not imported unless you say --import {module}")
         agents.named(name)
     elif not _NAME.fullmatch(name):
         raise ValueError("allowed: my_module:my_agent")

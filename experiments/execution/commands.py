@@ -10,7 +10,7 @@ from calfree_gym.errors import to_install
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.execution.pending import Machines, ThisMachine
-from experiments.options import Parser, add_config, add_gone, whole
+from experiments.options import Parser, add_config, add_gone, add_import, whole
 from experiments.running.run import runs_of
 from experiments.running.versions import REPOSITORY
 
@@ -18,11 +18,12 @@ from experiments.running.versions import REPOSITORY
 def add_validate(parser: Parser) -> None:
     """Checks a configuration."""
     add_config(parser)
+    add_import(parser)
     parser.set_defaults(does=_validate)
 
 
 def _validate(options: argparse.Namespace) -> int:
-    suite = load(options.config, options.set)
+    suite = load(options.config, options.set, options.modules)
     parts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (len(suite.sweeps), "sweep"))
     counts = ", ".join(f"{n} {what}{'s' * (n > 1)}" for n, what in (*parts, (suite.worlds, "world")) if n)
     runs = runs_of(suite)
@@ -38,6 +39,7 @@ def _validate(options: argparse.Namespace) -> int:
 def add_run(parser: Parser) -> None:
     """Makes what is not finished, then the report."""
     add_config(parser)
+    add_import(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     parser.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
     parser.add_argument(
@@ -64,7 +66,7 @@ def add_run(parser: Parser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    suite = load(options.config, options.set)
+    suite = load(options.config, options.set, options.modules)
     from experiments.execution.progress import display
     from experiments.execution.runner import Runner
 
@@ -97,7 +99,8 @@ def command_of(options: argparse.Namespace) -> str:
     inside = config.is_relative_to(REPOSITORY)
     name = config.relative_to(REPOSITORY).as_posix() if inside else config.name
     words = ["python", "-m", "experiments", "run", name, "--out", "DIR"]
-    return shlex.join([*words, *(word for value in options.set for word in ("--set", value))])
+    given = [("--set", value) for value in options.set] + [("--import", name) for name in options.modules]
+    return shlex.join([*words, *(word for option in given for word in option)])
 
 
 def machines_of(options: argparse.Namespace) -> Machines:

@@ -16,10 +16,11 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from calfree_gym.errors import printable
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
-from experiments.errors import ConfigError, printable
+from experiments.errors import ConfigError
 from experiments.execution.pending import newest_folder, pending_of
 from experiments.reporting.results_file import RESULTS, TIMED, TIMES, read_about, read_times
 from experiments.running.results_folder import (

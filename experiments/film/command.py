@@ -28,7 +28,7 @@ from experiments.evaluation import TrialRecord, evaluate
 from experiments.film.files import FilmFiles
 from experiments.film.pictures import Image, Lettering, Screen, ScreenWords
 from experiments.film.recorder import FilmRecorder
-from experiments.options import Parser, add_config
+from experiments.options import Parser, add_config, add_import
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.running.results_folder import made_folder
 
@@ -111,9 +111,9 @@ class FilmConfig(Model):
         return self.words * 2 * round(self.height / (2 * BAND))
 
 
-def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:
+def load_film(path: Path, overrides: Sequence[str] = (), modules: Sequence[str] = ()) -> FilmConfig:
     """Reads and validates what is to be filmed; environment and agent are built once."""
-    return load_as(FilmConfig, path, overrides, _unbuildable)
+    return load_as(FilmConfig, path, overrides, _unbuildable, modules)
 
 
 def _unbuildable(config: FilmConfig) -> dict[str, str]:
@@ -164,12 +164,13 @@ class Predictions:
 def add_film(parser: Parser) -> None:
     """Films an agent."""
     add_config(parser)
+    add_import(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder for film.mp4, film.gif and film.png")
     parser.set_defaults(does=_film)
 
 
 def _film(options: argparse.Namespace) -> int:
-    config = load_film(options.config, options.set)
+    config = load_film(options.config, options.set, options.modules)
     folder, gif = made_folder(options.out), config.gif
     rates = config.frames_per_second, gif.width, gif.frames_per_second
     required = requirements(config.agent, config.env)

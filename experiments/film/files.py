@@ -54,6 +54,7 @@ class FilmFiles:
     def __enter__(self) -> Self:
         """Begins the MP4."""
         self.mp4.parent.mkdir(parents=True, exist_ok=True)
+        self._discard()  # under these names a stranger's folder may have links
         codec = cv2.VideoWriter.fourcc(*CODEC)
         self._writer = cv2.VideoWriter(str(_partial(self.mp4)), codec, float(self._rate), self._size)
         if not self._writer.isOpened():

@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from agents.knowledge.grid_table import GridTable
+from calfree_gym.files import check_size
 from experiments.errors import ConfigError
 from experiments.reporting.figures import STYLE
 
@@ -38,6 +39,7 @@ def load_table(source: Path) -> GridTable:
     """The table of a saved `grid_table`."""
     try:
         with np.load(source, allow_pickle=False) as file:
+            check_size(file.zip)
             arrays = {name: file[name] for name in file.files}
         kind = json.loads(str(arrays["calfree.json"]))["kind"]
     except FileNotFoundError:

@@ -12,6 +12,7 @@ import rich.table
 import rich.text
 from rich.console import Console
 
+from calfree_gym.errors import printable
 from experiments.statistics import Estimate
 
 NOTHING = "–"
@@ -132,6 +133,7 @@ def show(tables: Iterable[Table], markdown: bool = False) -> None:
     """Prints tables: drawn on a terminal, and as Markdown elsewhere or where `markdown` is true."""
     console = Console()
     for table in tables:
+        table = replace(table, title=printable(table.title), note=printable(table.note))
         if markdown or not console.is_terminal:
             parts = [f"### {table.title}", table.markdown(), table.note]
             print("\n\n".join(part for part in parts if part), end="\n\n", flush=True)
@@ -196,8 +198,10 @@ def written(cell: Any, form: str) -> str:
         return ""
     if isinstance(cell, float) and math.isinf(cell):
         return "∞" if cell > 0 else "-∞"
-    text = format(cell, form) if form and not isinstance(cell, str) else str(cell)
-    return text.replace("%", " %") if form.endswith("%") else text
+    if form and not isinstance(cell, str):
+        text = format(cell, form)
+        return text.replace("%", " %") if form.endswith("%") else text
+    return printable(str(cell)).replace("\n", " ")
 
 
 def _plain(cell: Any) -> Any:

@@ -38,9 +38,7 @@ def made_folder(out: Path) -> Path:
 
     What is written into it, or cleared, may not lie elsewhere: it may be somebody else's folder.
     """
-    for folder in (RUNS, PENDING, FIGURES):
-        if (out / folder).is_symlink():
-            raise ConfigError(f"{out / folder} is a link to another folder; allowed: a folder of its own")
+    refuse_links(*(out / folder for folder in (RUNS, PENDING, FIGURES)))
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -50,6 +48,13 @@ def made_folder(out: Path) -> Path:
             f"{out}: this folder cannot be made or written into ({error.strerror}); nothing was run; "
             "allowed: a folder that can"
         ) from None
+
+
+def refuse_links(*paths: Path) -> None:
+    """Raises ConfigError where one of these leads elsewhere."""
+    for path in paths:
+        if path.is_symlink():
+            raise ConfigError(f"{path} is a link to something else; allowed: its own file or folder")
 
 
 def folder_of(out: Path, run: str) -> Path:
@@ -122,7 +127,7 @@ def commit_of(out: Path) -> str:
 def locked(out: Path) -> Iterator[None]:
     """Holds the folder for one runner, until that has ended, however it ends; there is no other meanwhile."""
     try:
-        with FileLock(out / LOCK, timeout=PATIENCE):
+        with _lock(out, PATIENCE):
             yield
     except Timeout:
         raise ConfigError(
@@ -135,10 +140,15 @@ def at_work(out: Path) -> bool:
     if not (out / LOCK).exists():
         return False
     try:
-        with FileLock(out / LOCK, timeout=0):
+        with _lock(out, 0):
             return False
     except Timeout:
         return True
+
+
+def _lock(out: Path, seconds: float) -> FileLock:
+    refuse_links(out / LOCK)
+    return FileLock(out / LOCK, timeout=seconds)
 
 
 def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:

@@ -18,7 +18,14 @@ from experiments.reporting.kept_tables import write_page
 from experiments.reporting.pages import MARKDOWN
 from experiments.reporting.tables import Table, number, show
 from experiments.running.process import end_idle_workers
-from experiments.running.results_folder import locked, made_folder, read_json, write_json, write_whole
+from experiments.running.results_folder import (
+    locked,
+    made_folder,
+    read_json,
+    refuse_links,
+    write_json,
+    write_whole,
+)
 from experiments.running.versions import REPOSITORY, commit, versions
 from experiments.statistics import Estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig, load_tuning
@@ -53,6 +60,7 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
         agents = config.only(names).agents if names else config.agents
     except ValueError as error:
         raise ConfigError(f"--agent: {error}") from None
+    refuse_links(out / STUDIES)
     made_folder(out / STUDIES)
     with locked(out):
         made_by = {**versions(("experiments/tuning",)), "optuna": optuna.__version__}

@@ -16,7 +16,15 @@ from optuna.trial import Trial, TrialState
 
 from experiments.errors import ConfigError
 from experiments.running.process import OVER_BUDGET, Worker, lent_worker
-from experiments.running.results_folder import RUN, TIMINGS, TRIALS, leaves, read_json, write_whole
+from experiments.running.results_folder import (
+    RUN,
+    TIMINGS,
+    TRIALS,
+    leaves,
+    read_json,
+    refuse_links,
+    write_whole,
+)
 from experiments.running.run import LifetimeRun, runs_of
 from experiments.statistics import mean_estimate
 from experiments.tuning.config import RangeConfig, TunedAgentConfig, TuningConfig
@@ -133,6 +141,7 @@ class Lifetimes:
 
     def make(self, run: LifetimeRun, cpu_seconds: float, log: Path) -> Lived:
         """Makes a lifetime, and keeps nothing else of it; what it prints is appended to `log`."""
+        refuse_links(log)
         with (
             lent_worker(self._versions) as worker,
             TemporaryDirectory(ignore_cleanup_errors=True) as name,

@@ -11,7 +11,9 @@ import pytest
 import agents
 from agents.base.registration import AGENTS
 from experiments.__main__ import main
+from experiments.config.loading import load
 from experiments.config.own_agents import code_of
+from experiments.errors import ConfigError
 from experiments.running.run import parse_run
 from tests.experiments.fakes import ids, runs
 
@@ -54,7 +56,7 @@ def test_it_takes_part_as_its_class_and_its_results_are_read_without_it(
     write()
     suite_data["agents"] = ["random", "lab.servo:own"]
     out = tmp_path / "out"
-    assert main(["run", str(write_config(suite_data)), "--out", str(out)]) == 0
+    assert main(["run", str(write_config(suite_data)), "--out", str(out), "--import", "lab"]) == 0
     results = pd.read_parquet(out / "results.parquet")
     ours, own = (
         results[results["agent"] == label].drop(columns=["agent", "run"]) for label in ("random", "own")
@@ -109,14 +111,29 @@ def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp
         ),
     ],
 )
-def test_what_is_not_found_or_taken_is_told(write, refused, suite_data, name, more, asked, said):
+def test_what_is_not_found_or_taken_is_told(write, write_config, suite_data, name, more, asked, said):
     write(name, more)
     with pytest.raises(ValueError, match=re.escape(said)):
         agents.make(asked, gym.make("CalFree/Reach-v0"))
     suite_data["agents"] = ["random", asked]
-    message = refused(suite_data)
-    assert "agents.1.name" in message
-    assert said in message
+    with pytest.raises(ConfigError, match=re.escape(said)) as error:
+        load(write_config(suite_data), (), [asked.rpartition(":")[0]])
+    assert "agents.1.name" in str(error.value)
+
+
+def test_a_suite_imports_only_what_its_user_trusts(write, write_config, suite_data, refused):
+    write()
+    suite_data["agents"] = ["random", "lab.servo:own"]
+    said = (
+        "agents.1.name: found 'lab.servo:own': its module is not imported unless you say --import lab.servo"
+    )
+    assert said in refused(suite_data)
+    for others in (["la"], ["servo"], ["lab.servo.more"]):
+        with pytest.raises(ConfigError, match=re.escape(said)):
+            load(write_config(suite_data), (), others)
+    assert "lab" not in sys.modules
+    for trusted in ("lab", "lab.servo"):
+        assert load(write_config(suite_data), (), [trusted]).agents[1].label == "own"
 
 
 def test_what_its_module_lacks_is_no_missing_agent(write):

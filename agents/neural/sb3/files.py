@@ -4,7 +4,7 @@ import io
 import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
-from zipfile import ZipFile
+from zipfile import ZipFile, is_zipfile
 
 import torch
 
@@ -133,6 +133,8 @@ def _header(path: AgentFile, names: list[str], entries: Mapping[str, bytes]) -> 
 
 def _tensors(path: AgentFile, name: str, content: bytes, trusted: bool) -> Any:
     try:
+        if is_zipfile(io.BytesIO(content)):
+            check_size(ZipFile(io.BytesIO(content)))
         return {**torch.load(io.BytesIO(content), map_location="cpu", weights_only=not trusted)}
     except Exception as error:  # what torch raises on a damaged file depends on where the damage is
         hint = (

@@ -50,6 +50,22 @@ def test_what_is_not_needed_stays_packed_and_what_is_too_large_is_refused(tmp_pa
         make().load(tmp_path / "sac.zip")
 
 
+def test_what_unpacks_too_much_inside_a_zip_is_refused(tmp_path, monkeypatch):
+    make().save(tmp_path / "sac.zip")
+    with zipfile.ZipFile(tmp_path / "sac.zip") as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    (tensors,) = (name for name, content in entries.items() if zipfile.is_zipfile(io.BytesIO(content)))
+    larger = io.BytesIO(entries[tensors])
+    with zipfile.ZipFile(larger, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("archive/data/more", bytes(10_000_000))
+    with zipfile.ZipFile(tmp_path / "sac.zip", "w") as archive:
+        for name, content in (entries | {tensors: larger.getvalue()}).items():
+            archive.writestr(name, content)
+    monkeypatch.setattr(files, "MOST_BYTES", 10_000_000)
+    with pytest.raises(ValueError, match=rf"{tensors} in .* is damaged.* bytes unpacked; allowed: 10000000"):
+        make().load(tmp_path / "sac.zip")
+
+
 class Bomb:
     def __init__(self, path):
         self.path = path

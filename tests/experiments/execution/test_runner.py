@@ -288,8 +288,9 @@ def test_a_folder_of_earlier_code_is_one_message(tmp_path, capsys, text, what):
     ],
 )
 def test_the_command_names_no_folder_of_this_machine(config, named):
-    options = argparse.Namespace(config=config, set=["worlds=2"])
-    assert command_of(options) == f"python -m experiments run {named} --out DIR --set worlds=2"
+    options = argparse.Namespace(config=config, set=["worlds=2"], modules=["lab"])
+    made_by = f"python -m experiments run {named} --out DIR --set worlds=2 --import lab"
+    assert command_of(options) == made_by
 
 
 def test_user_errors_are_one_message(capsys, tmp_path):

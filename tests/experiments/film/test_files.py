@@ -106,6 +106,16 @@ def test_what_fails_leaves_nothing_and_overwrites_nothing(tmp_path):
     assert (tmp_path / "film.mp4").read_text() == "of yesterday"
 
 
+def test_a_film_is_not_written_through_links(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    for ending in ("mp4", "gif", "png"):
+        (tmp_path / f".film.partial.{ending}").symlink_to(tmp_path / "thesis.txt")
+    files = files_in(tmp_path)
+    make(files, 8)
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    assert files.gif.exists()
+
+
 def test_a_film_with_frames_missing_is_refused(tmp_path):
     files = files_in(tmp_path)
     files.frames = 1

@@ -9,6 +9,7 @@ import pytest
 
 import agents
 from agents.knowledge.grid_table import GridTable
+from calfree_gym import files
 from experiments.__main__ import main
 from experiments.reporting.picture import table_figure
 
@@ -46,6 +47,12 @@ def test_cells_stand_where_they_are_seen():
     assert drawn == [{((-0.875, 0.125), "2")}, {((0.875, -0.625), "1"), ((0.875, 0.625), "1")}]
     assert left.images[0].get_array().data[4, 0] == 0.5
     assert right.images[0].get_array().compressed().tolist() == [1.0, 0.0]
+
+
+def test_what_is_too_large_is_not_unpacked(tmp_path, saved, monkeypatch):
+    table = saved()
+    monkeypatch.setattr(files, "MOST_BYTES", 1000)
+    assert main(["picture", str(table), "--out", str(tmp_path / "x.png")]) == 2
 
 
 def test_other_and_damaged_files_are_named(tmp_path, saved, capsys):

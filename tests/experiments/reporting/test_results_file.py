@@ -188,8 +188,19 @@ def test_a_folder_that_leads_elsewhere_is_not_written_into(finished, tmp_path, c
     (out / folder).parent.mkdir(exist_ok=True)
     (out / folder).symlink_to(tmp_path / "mine")
     assert main(["run", str(config), "--out", str(out)]) == 2
-    assert f"{out / folder} is a link to another folder" in capsys.readouterr().err
+    assert f"{out / folder} is a link to something else" in capsys.readouterr().err
     assert (tmp_path / "mine/thesis.txt").read_text() == "mine"
+
+
+def test_a_lock_that_leads_elsewhere_is_not_opened(finished, tmp_path, capsys):
+    config, out = finished
+    (tmp_path / "thesis.txt").write_text("mine")
+    (out / ".lock").unlink(missing_ok=True)
+    (out / ".lock").symlink_to(tmp_path / "thesis.txt")
+    for command in (["run", str(config), "--out", str(out)], ["status", str(out)]):
+        assert main(command) == 2
+        assert f"{out / '.lock'} is a link to something else" in capsys.readouterr().err
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
 def test_no_film_leads_elsewhere_or_is_no_picture(tmp_path):

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -64,6 +65,14 @@ def test_nothing_is_cut_off_on_a_narrow_terminal(table):
     Console(file=seen, width=40).print(drawn(long))
     assert seen.getvalue().count("x") == 90
     assert "50 %" in seen.getvalue()
+
+
+def test_what_a_stranger_wrote_neither_rules_a_terminal_nor_breaks_a_row(capsys):
+    table = Table.of("a", "\x1b]0;mine\x07", ["b"], [["\x1b[2J\nc"]])
+    assert "\x1b" not in table.markdown()
+    assert table.markdown().count("\n") == 2
+    show([replace(table, note="\x1b[31m")])
+    assert "\x1b" not in capsys.readouterr().out
 
 
 def test_a_table_without_rows_has_its_header():
