@@ -44,7 +44,7 @@ def test_settings_and_models_are_found_beside_the_file(film_data, write_config, 
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        ("agent", "memori", "agent.name: found 'memori': unknown (did you mean memory?)"),
+        ("agent", "memori", "agent.name: found 'memori': unknown agent 'memori' (did you mean memory?)"),
         ("agent", {"name": "memory", "settings": {"lucks": 3}}, "agent 'memory' has no setting 'lucks'"),
         ("agend", "memory", "agend: unknown key (did you mean agent?)"),
         ("env.wold", "wild", "env.wold: unknown key (did you mean world?)"),
