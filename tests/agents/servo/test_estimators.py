@@ -143,14 +143,6 @@ def test_in_a_linear_world_as_many_independent_motions_as_motors_give_j(estimato
     np.testing.assert_allclose(found.jacobian, jacobian, atol=5e-3)
 
 
-@pytest.mark.parametrize("word", [0.1, -0.1])
-def test_a_test_motion_forth_or_back_measures_the_same_column(word):
-    jacobian = np.random.default_rng(0).normal(size=(8, 3))
-    found = TestMotions(3)
-    found.learn(np.array([0.0, word, 0.0]), moved_by(jacobian, [0.0, word, 0.0]), ALL)
-    np.testing.assert_allclose(found.jacobian[:, 1], jacobian[:, 1])
-
-
 @settings(max_examples=50)
 @given(start=matrices(8, 3), words=matrices(3, low=0.0625), moved=matrices(8), other=matrices(3))
 def test_broyden_explains_the_last_motion_by_the_least_change(start, words, moved, other):

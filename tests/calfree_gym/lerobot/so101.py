@@ -155,10 +155,6 @@ class Plant:
         """Of the fastest joint, in rad/s."""
         return float(np.abs(self.data.qvel[self._dof]).max())
 
-    def forces(self):
-        """Torques (6,) of the motors, in N m."""
-        return self.data.actuator_force.copy()
-
     def posed(self, angles):
         """A copy of the state with joints at angles (6,), by kinematics alone."""
         data = mujoco.MjData(self.model)

@@ -62,15 +62,3 @@ def test_first_weights_are_spread_as_in_pytorch():
     assert np.abs(first).max() == pytest.approx(1 / 10, rel=1e-3)
     assert first.std() == pytest.approx(1 / 10 / np.sqrt(3), rel=0.02)
     assert np.abs(second).max() == pytest.approx(1 / 20, rel=1e-2)
-
-
-def test_a_restored_one_goes_on_bit_for_bit_alike(network):
-    inputs = np.float32(np.random.default_rng(1).normal(size=(30, 15)))
-    for _ in range(3):
-        network.descend(network.forward(inputs), network(inputs))
-    again = Perceptron(WIDTHS, learning_rate=3e-3, seed=8)
-    again.restore(network.arrays())
-    for each in (network, again):
-        each.descend(each.forward(inputs), each(inputs))
-    np.testing.assert_array_equal(network(inputs), again(inputs))
-    np.testing.assert_array_equal(network.weights, again.weights)
