@@ -91,7 +91,7 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     changes = bool(held.scenario.perturbations)
     shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
     column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
-    until_good = f"motions until {_GOOD} of trials succeed{' → again after it' * changes}"
+    until_good = f"motions until {_GOOD} of trials reach{' → again after it' * changes}"
     found = {}
     for label, moments in held.moments.items():
         cells = [_motions(moments[each].motions.value) if each in moments else NOTHING for each in shown]
@@ -101,7 +101,7 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
         "The median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap} motions. {_GOOD}: from the first checkpoint on, on average.{knock}"
+        f"{held.cap} motions. {_GOOD} reach: as the cameras see it, from a checkpoint on, on average.{knock}"
     )
 
 

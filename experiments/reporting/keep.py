@@ -23,6 +23,8 @@ COLOURS = 256
 def keep(out: Path, kept: Path) -> Path:
     """Copies the numbers of a finished suite, and makes its report of them; returns its kept folder.
 
+    Of the kept folder itself the report is made again, whichever code made the numbers.
+
     Raises:
         ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
             the results name, or differ now; other code made the results; the suite's name is that of kept
@@ -30,11 +32,11 @@ def keep(out: Path, kept: Path) -> Path:
     """
     finished = read_finished(out / RESULTS, out)
     target = kept / finished.suite.name
-    _refuse(finished, target)
+    _refuse(finished, target, again=out.resolve() == target.resolve())
     partial, old = (kept / f".{target.name}.{what}" for what in ("partial", "old"))
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for path in (out / RESULTS, out / TIMES, *films_in(out)):
+    for path in filter(Path.exists, (out / RESULTS, out / TIMES, *films_in(out))):
         shutil.copyfile(path, partial / path.name)
     write_report(replace(finished, out=partial))
     (partial / PAGE).unlink()
@@ -63,7 +65,7 @@ def fewer_colours(image: Image.Image) -> Image.Image:
     return image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
 
 
-def _refuse(finished: FinishedSuite, target: Path) -> None:
+def _refuse(finished: FinishedSuite, target: Path, again: bool) -> None:
     out = finished.out
     if finished.unfinished:
         missing = ", ".join(run.id for run in finished.unfinished[:3])
@@ -75,7 +77,7 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
     made_by, here = finished.versions["commit"], commit()
     for whose, found in ((f"{out} was made by", made_by), ("this report would be made by", here)):
         _refuse_no_commit(whose, found)
-    if (code := finished.versions["code"]) != (now := versions()["code"]):
+    if (code := finished.versions["code"]) != (now := versions()["code"]) and not again:
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
     if target.exists() and not (target / RESULTS).exists():
         raise ConfigError(

@@ -97,6 +97,17 @@ def test_what_was_kept_before_is_replaced_and_a_film_that_lies_beside_is_kept(co
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["tiny"]
 
 
+def test_the_report_of_what_is_kept_can_be_made_again_by_later_code(committed, tmp_path, monkeypatch):
+    kept = keep(committed, tmp_path / "kept")
+    before = {name: (kept / name).read_bytes() for name in files(kept)}
+    (kept / "report.md").write_text("of earlier code")
+    monkeypatch.setattr(module, "versions", lambda: {"code": "of later code"})
+    assert keep(kept, tmp_path / "kept") == kept
+    assert {name: (kept / name).read_bytes() for name in files(kept)} == before
+    with pytest.raises(ConfigError, match="was made by other code"):
+        keep(committed, tmp_path / "kept")
+
+
 def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_path, monkeypatch):
     def full(finished):
         raise OSError("the disk is full")
