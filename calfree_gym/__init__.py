@@ -1,6 +1,9 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
 Importing it registers the environments of `ENV_IDS`: each task, and some with a dense reward, too.
+
+In a wheel controllers are in `calfree_agents`. Examples are run as `python -m calfree_gym.examples.servo`;
+others are `knocked_camera`, `own_robot`, `ppo_sb3`, `ppo_cleanrl` and `sac_her_sb3`.
 """
 
 import os

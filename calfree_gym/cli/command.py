@@ -164,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     option(
         reaches,
         "--agent",
-        "its name; docs/agents.md has all, and so has the error where there is no such agent",
+        "its name; the error where there is no such agent lists all",
         default="memory",
     )
     option(reaches, "--reaches", "how many", type=int, default=10)

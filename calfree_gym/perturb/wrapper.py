@@ -75,7 +75,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             first reset that has one.
         images: Where images are in observations, by camera, such as `{"top": ("pixels", "top")}`; `()` is the
             observation itself, None an image that whoever wraps this environment makes from the model. By
-            default these are images that are called as a camera of the model.
+            default these are images that are called as a camera of the model. What `render()` shows is of the
+            camera that `gym.make(..., camera_name="track")` names.
         per: "life": the schedule runs over all episodes; "episode": it begins anew in each of them, with
             other draws.
         late: Which parts of observations `latency` and `point_dropout` meet; by default all.
