@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from agents.body_schema import chain
 from agents.body_schema.chain import JointChain, Projection, Triangulation, Views, rotation
 from agents.body_schema.fitting import composed
 from tests.agents.body_schema.chains import Arm
@@ -87,3 +88,14 @@ def test_turns_are_rotations_about_their_axis_and_two_one_after_the_other_are_on
     np.testing.assert_allclose(rotation(first), Rotation.from_rotvec(first).as_matrix(), atol=1e-9)
     both = rotation(second) @ rotation(first)
     np.testing.assert_allclose(rotation(composed(second, first)), both, atol=1e-7)
+
+
+def test_where_a_lens_turns_back_derivatives_stay_finite(monkeypatch):
+    """There the derivative of points behind it by those before it is singular."""
+    monkeypatch.setattr(chain, "UNDISTORTIONS", 0)
+    rng, cameras = np.random.default_rng(0), np.zeros((2, 8))
+    cameras[1, 5] = 0.3
+    for seen in rng.uniform(-1.5, 1.5, (300, 2)):
+        cameras[:, 1] = -1 / (3 * np.square(seen).sum())
+        found = chain.Triangulation(cameras, np.array([[*seen, 0, 0.1]]))
+        assert np.isfinite(found.derivatives()).all()
