@@ -88,13 +88,15 @@ def agent(
 
     def named(where: C) -> C:
         new = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
-        first = AGENTS.get(name)
-        others = [first.of(task).where for task in tasks if task in first.tasks] if first else []
-        for other in others:
-            if str(other) != str(where):  # else its module runs again, as in a notebook
-                raise ValueError(f"{name!r} is {other} already; give {where} another name")
-        if first is None or (others and tasks == first.own_tasks):
-            AGENTS[name] = replace(new, elsewhere=first.elsewhere if first else {})
+        first = AGENTS.setdefault(name, new)
+        for task in tasks:
+            there = first.of(task).where
+            if task in first.tasks and str(there) != str(
+                where
+            ):  # else its module runs again, as in a notebook
+                raise ValueError(f"{name!r} is {there} already; give {where} another name")
+        if tasks == first.own_tasks:
+            AGENTS[name] = replace(new, elsewhere=first.elsewhere)
         else:
             AGENTS[name] = replace(first, elsewhere={**first.elsewhere, **dict.fromkeys(tasks, new)})
         return where

@@ -55,12 +55,9 @@ def main(
         warnings.showwarning = _warn
         try:
             return _run(options, flags, make_robot, ask)
-        except ArmError as error:
+        except (ArmError, ValueError, OSError, ImportError) as error:
             print(f"error: {printable(str(error).strip())}", file=sys.stderr)
-            return 1
-        except (ValueError, OSError, ImportError) as error:
-            print(f"error: {printable(str(error).strip())}", file=sys.stderr)
-            return 2
+            return 1 if isinstance(error, ArmError) else 2
         except KeyboardInterrupt:
             return INTERRUPTED
 

@@ -20,7 +20,7 @@ from experiments.config.life import (
     with_shares_as_motions,
 )
 from experiments.config.model import Model, Name, distinct, distinctly_named, one_of
-from experiments.config.own_agents import code_here, is_told, known
+from experiments.config.own_agents import code_here, is_not_imported, known_agent
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -183,7 +183,7 @@ class AgentConfig(Model):
 
     later = frozenset({"motions", "worlds", "code"})
 
-    name: Annotated[str, AfterValidator(known)]
+    name: Annotated[str, AfterValidator(known_agent)]
     label: Name
     settings: dict[str, Any] = Field(default_factory=dict)
     motions: int | None = Field(default=None, gt=0)
@@ -261,7 +261,7 @@ class Suite(Model):
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
             task = part.env.task
             for agent in value:
-                if is_told(agent.name, info) or agent.label not in (part.agents or labels):
+                if is_not_imported(agent.name, info) or agent.label not in (part.agents or labels):
                     continue
                 if task not in agents.named(agent.name).tasks:
                     raise ValueError(

@@ -97,22 +97,21 @@ def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp
 
 
 @pytest.mark.parametrize(
-    ("name", "more", "asked", "said"),
+    ("name", "asked", "said"),
     [
-        ("own", "", "lab.servo:owm", "unknown agent 'lab.servo:owm' (did you mean own?)"),
-        ("own", "", "lab.sevo:own", "Python finds no module 'lab.sevo'"),
-        ("own", "", "no_lab.servo:own", "Python finds no module 'no_lab'"),
-        ("own", "", ".servo:own", "'.servo' is no name of a module; allowed: my_module:my_agent"),
+        ("own", "lab.servo:owm", "unknown agent 'lab.servo:owm' (did you mean own?)"),
+        ("own", "lab.sevo:own", "Python finds no module 'lab.sevo'"),
+        ("own", "no_lab.servo:own", "Python finds no module 'no_lab'"),
+        ("own", ".servo:own", "'.servo' is no name of a module; allowed: my_module:my_agent"),
         (
             "random",
-            "",
             "lab.servo:random",
             "'random' is <class 'agents.reference.bounds.RandomAgent'> already",
         ),
     ],
 )
-def test_what_is_not_found_or_taken_is_told(write, write_config, suite_data, name, more, asked, said):
-    write(name, more)
+def test_what_is_not_found_or_taken_is_told(write, write_config, suite_data, name, asked, said):
+    write(name)
     with pytest.raises(ValueError, match=re.escape(said)):
         agents.make(asked, gym.make("CalFree/Reach-v0"))
     suite_data["agents"] = ["random", asked]
