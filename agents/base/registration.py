@@ -91,9 +91,8 @@ def agent(
         first = AGENTS.setdefault(name, new)
         for task in tasks:
             there = first.of(task).where
-            if task in first.tasks and str(there) != str(
-                where
-            ):  # else its module runs again, as in a notebook
+            runs_again = str(there) == str(where)  # its module, as in a notebook
+            if task in first.tasks and not runs_again:
                 raise ValueError(f"{name!r} is {there} already; give {where} another name")
         if tasks == first.own_tasks:
             AGENTS[name] = replace(new, elsewhere=first.elsewhere)

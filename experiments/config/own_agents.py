@@ -18,14 +18,14 @@ _KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 _NAME = re.compile(r"[\w.]+:[\w.-]+")
 
 
-def is_not_imported(name: str, info: ValidationInfo) -> bool:
-    """Whether an agent is in a module that is not to be imported."""
-    return info.context == TOLD and ":" in name
+def may_import(name: str, info: ValidationInfo) -> bool:
+    """Whether the module that an agent is in, if it names one, may be imported."""
+    return info.context != TOLD or ":" not in name
 
 
 def known_agent(name: str, info: ValidationInfo) -> str:
     """The name of an agent that there is, or where none is imported could be."""
-    if not is_not_imported(name, info):
+    if may_import(name, info):
         module = name.rpartition(":")[0]
         trusted = [module] if info.context is None else info.context
         if module and not any(f"{module}.".startswith(f"{each}.") for each in trusted):
@@ -39,7 +39,7 @@ def known_agent(name: str, info: ValidationInfo) -> str:
 def code_here(told: str, info: ValidationInfo) -> str:
     """Which code an agent is, whatever is ours apart; raises ValueError where it is another than was told."""
     name = info.data.get("name", "")
-    if ":" not in name or is_not_imported(name, info):
+    if ":" not in name or not may_import(name, info):
         return told
     if told not in ("", now := code_of(name.partition(":")[0])):
         raise ValueError(f"{name!r} is other code here: {now}")

@@ -20,7 +20,7 @@ from experiments.config.life import (
     with_shares_as_motions,
 )
 from experiments.config.model import Model, Name, distinct, distinctly_named, one_of
-from experiments.config.own_agents import code_here, is_not_imported, known_agent
+from experiments.config.own_agents import code_here, known_agent, may_import
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -261,7 +261,7 @@ class Suite(Model):
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
             task = part.env.task
             for agent in value:
-                if is_not_imported(agent.name, info) or agent.label not in (part.agents or labels):
+                if not may_import(agent.name, info) or agent.label not in (part.agents or labels):
                     continue
                 if task not in agents.named(agent.name).tasks:
                     raise ValueError(
