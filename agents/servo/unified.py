@@ -60,10 +60,12 @@ class UnifiedServo:
 
     prior_knowledge = SERVO_KNOWLEDGE - {PriorKnowledge.WORD_LIMIT}
 
-    PATIENCE: ClassVar[int] = 8
-    """After so many motions that came hardly nearer than one before, those that were to come near counting
-    twice and probes less, it trusts no longer what has led them; after half of that, what is remembered of
-    earlier trials. Choice."""
+    PATIENCE: ClassVar[int] = 4
+    """After so many motions in vain (`Reach.in_vain`) it leaves out what is remembered of earlier trials.
+    Choice: two that were to come near."""
+    BEGINNINGS: ClassVar[int] = 2
+    """It trusts no longer what has led it after as many motions in vain as it takes so often to test all
+    motors and make a step. Choice."""
 
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):
@@ -78,8 +80,9 @@ class UnifiedServo:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
         reach = Reach(self, first, findings)
         yield from reach.begin()
-        while not reach.now.last and reach.in_vain < self.PATIENCE:
-            if reach.points.remembers and reach.in_vain >= self.PATIENCE / 2:
+        most_in_vain = self.BEGINNINGS * (len(first.registers) + 1)
+        while not reach.now.last and reach.in_vain < most_in_vain:
+            if reach.points.remembers and reach.in_vain >= self.PATIENCE:
                 reach.forget_earlier_trials()
             yield from reach.move(reach.words())
             while reach.filter.needs_samples:
