@@ -71,14 +71,13 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Args:
         env: The environment.
         schedule: See `calfree_gym.perturbations.parse_schedule`. Steps and resets of this wrapper count.
-        seed: Of all that is drawn. Resets with a seed do not begin it anew. By default it is the seed of the
-            first reset that has one.
+        seed: Of all that is drawn. By default it is the seed of the first reset.
         images: Where images are in observations, by camera, such as `{"top": ("pixels", "top")}`; `()` is the
             observation itself, None an image that whoever wraps this environment makes from the model. By
             default these are images that are called as a camera of the model. What `render()` shows is of the
             camera that `gym.make(..., camera_name="track")` names.
-        per: "life": the schedule runs over all episodes; "episode": it begins anew in each of them, with
-            other draws.
+        per: "life": the schedule runs over all episodes, and resets with a seed begin no draws anew;
+            "episode": it begins anew in each of them, with other draws, and a reset with a seed repeats them.
         late: Which parts of observations `latency` and `point_dropout` meet; by default all.
         adapter: How to find the model of an environment that is not known.
 
@@ -128,7 +127,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if self.adapter is not None and not kinds.isdisjoint(OF_MODELS):
             self._model = PerturbedModel(*self.adapter.simulation(env), self.parts)
         self._built = self._model.built if self._model else plain_world(self.parts)
-        self._per, self._seed, self._rest = per, seed, np.zeros(0)
+        self._per, self._given_seed, self._rest = per, seed, np.zeros(0)
+        self._seed: int | None = None
         self.world = self._built
         self.applied: list[Perturbation | Undo] = []
         self._counts = {"motion": 0, "trial": 0}
@@ -141,8 +141,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begins an episode, after the perturbations that are due."""
-        if self._seed is None:
-            self._seed = int(np.random.SeedSequence(seed).generate_state(1)[0]) if seed is None else seed
+        if self._seed is None or (seed is not None and self._per == "episode"):
+            self._seed, self._resets, self._steps = self._seed_of_draws(seed), 0, 0
         begins = self._resets == 0 or self._per == "episode"
         if begins:
             self._begin()
@@ -185,6 +185,15 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if self._model is not None and self.adapter is not None:
             self._model.find(*self.adapter.simulation(self.env))
             self._model.write(self.world)
+
+    def _seed_of_draws(self, of_reset: int | None) -> int:
+        """The one that was given; of episodes also by that of the reset; any, where there is none."""
+        seeds = [] if self._given_seed is None else [self._given_seed]
+        if of_reset is not None and (not seeds or self._per == "episode"):
+            seeds.append(of_reset)
+        return (
+            seeds[0] if len(seeds) == 1 else int(np.random.SeedSequence(seeds or None).generate_state(1)[0])
+        )
 
     def _begin(self) -> None:
         """Begins the schedule."""

@@ -15,10 +15,10 @@ from .smooth_points import SmoothPoints
 
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""
-PLACES, SHORTEST = 20, 1 / 32
+PLACES, SHORTEST = 12, 1 / 32
 """Places that are tried on the way, half as many on each way from elsewhere, and the share of a Gauss-Newton
 step that is too short (guards)."""
-ENOUGH = 0.99
+ENOUGH = 0.95
 """It is found where a Gauss-Newton step leaves, or is expected to leave, this share of the square (a
 guard)."""
 

@@ -224,6 +224,25 @@ def test_a_schedule_of_each_episode_begins_anew_with_other_draws():
         Perturb(Workbench(), LIFE, per="episode", images=POINTS)
 
 
+@pytest.mark.parametrize("seed", [None, 5])
+def test_a_reset_with_a_seed_repeats_the_draws_of_its_episode_and_of_those_after_it(seed):
+    schedule = [{"at": {"step": 1}, "do": {"type": kind}} for kind in ("camera_aim", "image_noise")]
+
+    def episodes(env, seeds):
+        drawn = []
+        for each in seeds:
+            env.reset(seed=each)
+            seen = [env.step(HOME.astype(np.float32))[0]["pixels"]["front"] for _ in range(3)]
+            drawn.append((env.world, np.array(seen).tobytes()))
+        return drawn
+
+    env = Perturb(Workbench(["front"]), schedule, seed=seed, per="episode")
+    once, next_one, other = episodes(env, [7, None, 8])
+    assert episodes(env, [7, None]) == [once, next_one]
+    assert episodes(Perturb(Workbench(["front"]), schedule, seed=seed, per="episode"), [7]) == [once]
+    assert len({seen for _, seen in (once, next_one, other)}) == 3
+
+
 def test_unperturbed_is_as_built_to_the_bit_and_no_undo_comes_back():
     more = [{"at": {"step": 1}, "do": {"type": kind}} for kind in ("camera_shift", "joint_zero")]
     env = Perturb(Workbench(), [*LIFE, *more], images=POINTS)
