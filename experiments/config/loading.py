@@ -1,18 +1,19 @@
 """Reading a YAML file into frozen models, with errors that say where, what and what else."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
+import gymnasium
 import yaml
 from pydantic import BaseModel, ValidationError
 
 from calfree_gym.errors import near_misses
 from calfree_gym.errors.yaml_values import UnclearNumberError, read
-from experiments.config.environment import EnvironmentConfig
 from experiments.config.life import with_shares_as_motions
-from experiments.config.requirements import requirements, unfit_life
-from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
+from experiments.config.requirements import requirements_in, unfit_life
+from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
 
 
@@ -215,25 +216,41 @@ def _with_settings_file(agent: Any, folder: Path) -> Any:
 
 
 def _unbuildable(suite: Suite) -> dict[str, str]:
-    """What is wrong with environments and settings, found by building each once."""
-    wrong = unbuildable_environments(suite.scenarios)
-    for i, sweep in enumerate(suite.sweeps):
-        if why := _unbuildable_environment(sweep.env, sweep.perturbations(sweep.over[0])):
-            wrong[f"sweeps.{i}"] = why
-    if wrong:
-        return wrong
-    for part in suite.parts:
-        for agent in suite.agents_in(part):
-            place = f"agents.{suite.agents.index(agent)}"
-            try:
-                rows = requirements(agent, part.env).rows
-            except Exception as error:  # whatever a library raises at a setting that it cannot use
-                wrong[f"{place}.settings"] = f"found {_short(agent.settings)}: {error}"
-                continue
-            if isinstance(part, ScenarioConfig) and rows > 1:
-                for where, why in unfit_life(part, agent, suite.evaluation_of(part), rows).items():
-                    wrong[_place_of(where, part, agent, suite)] = f"{agent.label!r}: {why}"
+    """What is wrong with environments and settings, found by building each environment once."""
+    wrong = {}
+    for where, part, schedule in _tried(suite):
+        try:
+            everything = part.env.make(schedule, tell=part.env.privileged)
+        except ValueError as error:
+            wrong[where] = f"{error}"
+            continue
+        with closing(everything):
+            for agent in suite.agents_in(part):
+                wrong |= _unfit(agent, part, suite, everything)
     return wrong
+
+
+def _tried(suite: Suite) -> Iterator[tuple[str, ScenarioConfig | SweepConfig, tuple[dict[str, Any], ...]]]:
+    """Scenarios and sweeps, each with the path of its key, and with a schedule."""
+    for i, scenario in enumerate(suite.scenarios):
+        yield f"scenarios.{i}.env", scenario, with_shares_as_motions(scenario.perturbations, scenario.motions)
+    for i, sweep in enumerate(suite.sweeps):
+        yield f"sweeps.{i}", sweep, sweep.perturbations(sweep.over[0])
+
+
+def _unfit(
+    agent: AgentConfig, part: ScenarioConfig | SweepConfig, suite: Suite, everything: gymnasium.Env[Any, Any]
+) -> dict[str, str]:
+    """What is wrong with an agent's settings and life in a part of a suite, by the path of the key."""
+    try:
+        rows = requirements_in(everything, agent, part.env).rows
+    except Exception as error:  # whatever a library raises at a setting that it cannot use
+        where = f"agents.{suite.agents.index(agent)}.settings"
+        return {where: f"found {_short(agent.settings)}: {error}"}
+    if rows == 1 or not isinstance(part, ScenarioConfig):
+        return {}
+    wrong = unfit_life(part, agent, suite.evaluation_of(part), rows)
+    return {_place_of(where, part, agent, suite): f"{agent.label!r}: {why}" for where, why in wrong.items()}
 
 
 def _place_of(where: str, scenario: ScenarioConfig, agent: AgentConfig, suite: Suite) -> str:
@@ -243,21 +260,6 @@ def _place_of(where: str, scenario: ScenarioConfig, agent: AgentConfig, suite: S
     if where.startswith("evaluation") and scenario.evaluation is None:
         return where
     return f"scenarios.{suite.scenarios.index(scenario)}.{where}"
-
-
-def unbuildable_environments(scenarios: Sequence[ScenarioConfig]) -> dict[str, str]:
-    """Why environments of scenarios cannot be made, by the path of the key."""
-    schedules = [with_shares_as_motions(each.perturbations, each.motions) for each in scenarios]
-    tried = (_unbuildable_environment(each.env, of) for each, of in zip(scenarios, schedules, strict=True))
-    return {f"scenarios.{i}.env": why for i, why in enumerate(tried) if why}
-
-
-def _unbuildable_environment(env: EnvironmentConfig, schedule: tuple[dict[str, Any], ...]) -> str | None:
-    try:
-        env.make(schedule).close()
-    except ValueError as error:
-        return f"{error}"
-    return None
 
 
 def _short(value: Any) -> str:

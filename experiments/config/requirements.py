@@ -1,7 +1,10 @@
 """What an agent requires, so that it is given that and no more, and whether a life fits it."""
 
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any, NamedTuple
+
+import gymnasium
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
@@ -28,14 +31,20 @@ class Requirements(NamedTuple):
 
 
 def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
+    """As `requirements_in`, in an environment that is made for it."""
+    with closing(env.make(tell=env.privileged)) as everything:
+        return requirements_in(everything, agent, env)
+
+
+def requirements_in(
+    everything: gymnasium.Env[Any, Any], agent: AgentConfig, env: EnvironmentConfig
+) -> Requirements:
     """Makes the agent once, in an environment with all privileged observations, to see what it requires.
 
     Raises:
         ValueError: A setting is not allowed, or it learns from rows where every trial has a world of its own.
     """
-    everything = env.make(tell=env.privileged)
     made = agents.make(agent.name, everything, seed=0, **agent.settings)
-    everything.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
     if made.rows > 1 and env.redraw != "never":
         raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
 import agents
-from experiments.config.life import EvaluationConfig
-from experiments.config.loading import load_as, read_mapping, read_yaml, unbuildable_environments
+from experiments.config.life import EvaluationConfig, with_shares_as_motions
+from experiments.config.loading import load_as, read_mapping, read_yaml
 from experiments.config.model import Model, distinctly_named, known, one_of
 from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
@@ -203,9 +203,12 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
 
 
 def _wrong_in(config: TuningConfig, folder: Path) -> dict[str, str]:
-    wrong = unbuildable_environments(config.scenarios)
-    taken = seeds_of_suites(folder)
-    for scenario in config.scenarios:
+    wrong, taken = {}, seeds_of_suites(folder)
+    for i, scenario in enumerate(config.scenarios):
+        try:
+            scenario.env.make(with_shares_as_motions(scenario.perturbations, scenario.motions)).close()
+        except ValueError as error:
+            wrong[f"scenarios.{i}.env"] = f"{error}"
         seeds = world_seeds(config.seed, scenario.worlds + scenario.check_worlds)
         if suites := {taken[seed] for seed in seeds if seed in taken}:
             wrong["seed"] = f"found {config.seed}: it gives worlds of {', '.join(sorted(suites))}"

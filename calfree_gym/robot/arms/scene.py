@@ -106,6 +106,7 @@ def best_axis(
     """
     data = mujoco.MjData(model)
     axes = _AXES / np.linalg.norm(_AXES, axis=1, keepdims=True)
+    offsets = np.concatenate([GripperMarks(axis, scale).offsets for axis in axes])
     scores = np.zeros(len(axes))
     for qpos in postures:
         data.qpos[:] = qpos
@@ -114,10 +115,9 @@ def best_axis(
         point = data.xpos[holder] + turn @ at
         for camera in cameras:
             sight = (point - camera) / np.linalg.norm(point - camera)
-            for i, axis in enumerate(axes):
-                places = point + GripperMarks(turn @ axis, scale).offsets
-                shares = shares_in_sight(model, data, camera, places, RADIUS * scale)
-                scores[i] += shares.min() * np.linalg.norm(np.cross(sight, turn @ axis))
+            shares = shares_in_sight(model, data, camera, point + offsets @ turn.T, RADIUS * scale)
+            apart = np.linalg.norm(np.cross(sight, axes @ turn.T), axis=1)
+            scores += shares.reshape(-1, 2).min(1) * apart
     return np.asarray(axes[rounded(scores).argmax()])
 
 
