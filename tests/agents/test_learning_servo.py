@@ -22,8 +22,17 @@ def lengths_of(live, make_env):
     return make
 
 
-@pytest.mark.parametrize("knowledge", sorted(set(agents.KNOWLEDGE) - {"memory"}))
-@pytest.mark.parametrize("servo", sorted(agents.SERVOS))
+KNOWLEDGES = sorted(set(agents.KNOWLEDGE) - {"memory"})
+
+
+@pytest.mark.parametrize(
+    ("servo", "knowledge"),
+    [
+        pytest.param(servo, each, marks=[pytest.mark.slow] if i % len(KNOWLEDGES) != k else [])
+        for i, servo in enumerate(sorted(agents.SERVOS))
+        for k, each in enumerate(KNOWLEDGES)
+    ],
+)
 def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
     lengths = lengths_of(None, 700, "learning_servo", knowledge=knowledge, servo=servo)
     assert np.mean(lengths[-30:]) < 0.75 * np.mean(lengths[:3])

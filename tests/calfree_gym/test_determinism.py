@@ -60,9 +60,18 @@ def made_trajectory(spec, seed):
     return trajectory(gym.make(spec, disable_env_checker=True), seed)
 
 
-@pytest.mark.parametrize("perturbations", [None, SCHEDULE], ids=["quiet", "perturbed"])
-@pytest.mark.parametrize("dynamics", ["physics", "kinematic"])
-@pytest.mark.parametrize("mount", ["waist", "stand"])
+@pytest.mark.parametrize(
+    "perturbations", [pytest.param(None, marks=pytest.mark.slow), SCHEDULE], ids=["quiet", "perturbed"]
+)
+@pytest.mark.parametrize(
+    ("mount", "dynamics"),
+    [
+        ("waist", "physics"),
+        ("stand", "kinematic"),
+        pytest.param("waist", "kinematic", marks=pytest.mark.slow),
+        pytest.param("stand", "physics", marks=pytest.mark.slow),
+    ],
+)
 def test_one_seed_is_one_trajectory(mount, dynamics, perturbations):
     arguments = {"camera_mount": mount, "dynamics": dynamics, "perturbations": perturbations}
     arguments |= {"max_episode_steps": 6, "tolerance_px": 70.0}

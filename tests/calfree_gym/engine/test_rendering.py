@@ -87,7 +87,7 @@ def _greens(image):
     return np.count_nonzero(green > 1.5 * np.maximum(red, blue))
 
 
-@pytest.mark.parametrize("arm", ["movemaster", "torque"])
+@pytest.mark.parametrize("arm", ["movemaster", pytest.param("torque", marks=pytest.mark.slow)])
 def test_rays_hide_what_pixels_hide(images_of, arm):
     chosen = arm if arm == "movemaster" else arm_named(arm)
     env = kinematic(arm=chosen, camera_mount="stand").unwrapped
@@ -286,7 +286,10 @@ def seen_with(grains, observation):
 @DRAWS
 @pytest.mark.parametrize(
     ("observation", "grains"),
-    [("vision", 1_100), ("vision", 3_000), ("rgb", 3_000), ("pixels", 1_100), ("depth", 3_000)],
+    [
+        pytest.param("vision", 1_100, marks=pytest.mark.slow),
+        *(("vision", 3_000), ("rgb", 3_000), ("pixels", 1_100), ("depth", 3_000)),
+    ],
 )
 def test_a_model_of_many_geoms_is_drawn_whole(observation, grains):
     seen, alone = seen_with(grains, observation), seen_with(0, observation)

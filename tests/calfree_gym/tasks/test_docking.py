@@ -51,7 +51,7 @@ def exact(**fields):
         {"observation": "vision"},
     ],
 )
-@pytest.mark.parametrize("kind", ["", "Dense"])
+@pytest.mark.parametrize("kind", ["", pytest.param("Dense", marks=pytest.mark.slow)])
 def test_checkers_pass_without_a_warning(kind, arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
