@@ -9,6 +9,7 @@ from agents.knowledge.learning_servo import LearningServo
 from agents.servo.unified import UnifiedServo
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic
+from tests.agents.trials import assert_same_arrays
 
 
 @pytest.fixture
@@ -61,12 +62,23 @@ def test_missing_points_are_waited_for(lengths_of):
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
-def test_trials_that_end_before_anything_was_seen_teach_nothing(make_env, share):
-    perturbations = [{"at": {"trial": 0}, "do": {"type": "point_dropout", "share": share}}]
-    env = make_env(perturbations=perturbations, max_episode_steps=4)
-    env.reset(seed=3)
-    agent = agents.make("memory", env).learn(300)
+def test_trials_that_end_before_all_was_seen_are_lived_through(make_env, share):
+    agent = in_short_trials(make_env, share).learn(300)
     assert agent.num_timesteps == 300
+
+
+def test_trials_in_which_nothing_was_seen_teach_nothing(make_env):
+    agent = in_short_trials(make_env, 1.0)
+    with pytest.warns(UserWarning, match="no point has been seen"):
+        agent.learn(40)
+    assert_same_arrays(agent, in_short_trials(make_env, 1.0))
+
+
+def in_short_trials(make_env, share):
+    dropout = {"type": "point_dropout", "share": share}
+    env = make_env(perturbations=[{"at": {"trial": 0}, "do": dropout}], max_episode_steps=4)
+    env.reset(seed=3)
+    return agents.make("memory", env)
 
 
 class Notes:

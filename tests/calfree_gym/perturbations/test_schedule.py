@@ -268,13 +268,18 @@ def test_draws_depend_on_the_rows_own_seed_the_place_and_of_events_that_return_o
 
 
 def test_an_event_in_view_is_the_first_draw_that_is_in_view():
-    aimed = [{**EVENT, "do": {"type": "camera_aim", "camera": "left", "degrees": 25}}]
-    scheduler = PerturbationScheduler(1, aimed, MOVEMASTER, WAIST, keep_in_view=True)
-    ((place, event),) = scheduler.events["trial"]
-    directions = []
-    for seed in range(12):
-        scheduler.seed(0, seed)
-        world, perturbation = scheduler.apply(place, event, 0, 1, nominal())
+    aimed = [{**EVENT, "do": {"type": "camera_aim", "camera": "left", "degrees": 40}}]
+    in_view_of = []
+    for seed in range(24):
+        drawn = []
+        for keep in (False, True):
+            scheduler = PerturbationScheduler(1, aimed, MOVEMASTER, WAIST, keep_in_view=keep)
+            scheduler.seed(0, seed)
+            ((place, event),) = scheduler.events["trial"]
+            drawn.append(scheduler.apply(place, event, 0, 1, nominal()))
+        (first, _), (world, perturbation) = drawn
         assert world == perturbation.change(nominal())
-        directions.append(perturbation.direction)
-    assert np.unique(directions).size == 12
+        assert in_view(world, MOVEMASTER, WAIST)
+        in_view_of.append(in_view(first, MOVEMASTER, WAIST))
+        assert (first == world) == in_view_of[-1]
+    assert len(set(in_view_of)) == 2
