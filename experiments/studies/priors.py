@@ -193,15 +193,14 @@ def reaimed(worlds: int = 16) -> Table:
                 motions("memory", FIRST_WORLD + i, 18, images, schedule, on_change=on_change)
                 for i in range(worlds)
             ]
-            before, after = np.mean(found, 0)[5:15].mean(), np.mean(found, 0)[16:].mean()
-            rows.append(
-                {"images": images.what, "on_change": on_change, "trials 6-15": before, "17-18": after}
-            )
+            means = np.mean(found, 0)
+            told = {"trials 6-15": means[5:15].mean(), "16": means[15], "17-18": means[16:].mean()}
+            rows.append({"images": images.what, "on_change": on_change, **told})
     return Table(
         "reaimed",
         f"memory, the left camera re-aimed by 20 degrees before trial 16, {worlds} wild worlds: motions",
         pd.DataFrame(rows),
-        {"trials 6-15": ".2f", "17-18": ".2f"},
+        dict.fromkeys(told, ".2f"),
     )
 
 
