@@ -191,9 +191,9 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         seeds = [] if self._given_seed is None else [self._given_seed]
         if of_reset is not None and (not seeds or self._per == "episode"):
             seeds.append(of_reset)
-        return (
-            seeds[0] if len(seeds) == 1 else int(np.random.SeedSequence(seeds or None).generate_state(1)[0])
-        )
+        if len(seeds) == 1:
+            return seeds[0]
+        return int(np.random.SeedSequence(seeds or None).generate_state(1)[0])
 
     def _begin(self) -> None:
         """Begins the schedule."""
