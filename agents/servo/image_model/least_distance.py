@@ -73,12 +73,12 @@ class Seeker:
         self._lowest, self._highest = lowest, highest
         self._caution = caution
         self._unit = np.eye(len(here))
-        now = points.at(here)
-        seen = np.maximum(now.gripper.variances, now.object.variances) < NEVER_SEEN**2
+        now = points.at(here[None])
+        seen = np.maximum(now.gripper.variances, now.object.variances)[0] < NEVER_SEEN**2
         self._counts = seen.astype(float)
         apart = now.apart
-        certain = 2 * Gating.AGREE**2 * float(apart.variances @ self._counts) / POINTS
-        self._too_much = max(LEFT**2 * float(self._left(apart)), certain)
+        certain = 2 * Gating.AGREE**2 * apart.variances @ self._counts / POINTS
+        self._too_much = float(np.maximum(LEFT**2 * self._left(apart), certain)[0])
 
     def seek(self) -> LeastDistance:
         """From here; where that ends far off, also from other places: the first end that is near.

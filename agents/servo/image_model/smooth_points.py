@@ -19,7 +19,7 @@ GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
 
 
 class ExpectedPoints(NamedTuple):
-    """What should be seen at one place; of several at once only `apart`.
+    """What should be seen at one place; of several at once only `gripper`, `object` and `apart`.
 
     Attributes:
         gripper: Of the gripper.
