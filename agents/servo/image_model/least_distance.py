@@ -18,7 +18,7 @@ NEAREST = 1e-4
 PLACES, SHORTEST = 12, 1 / 32
 """Places that are tried on the way, half as many on each way from elsewhere, and the share of a Gauss-Newton
 step that is too short (guards)."""
-ENOUGH = 0.95
+ENOUGH = 0.99
 """It is found where a Gauss-Newton step leaves, or is expected to leave, this share of the square (a
 guard)."""
 
