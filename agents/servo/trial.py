@@ -342,7 +342,7 @@ class Steps:
         After a step that came hardly nearer it may go a test word beyond, and back: small words may do
         nothing, and gears have play.
         """
-        before_px = self.trial.now.distance_px
+        before = self.trial.now
         words = self.confidence * self.bounded(words)
         self.trial.findings.note_words(words, self.trial.now, self.trial.stops)
         goal = self.trial.now.registers + words
@@ -350,9 +350,11 @@ class Steps:
             yield from self._go(goal + np.copysign(self.trial.test_words, words))
         if not self.trial.filter.lost.any():
             yield from self._go(goal)
+            if self.trial.now is before:  # no motor goes further
+                yield from self.trial.move(np.zeros_like(words))
         yield from self._look()
         self._last_px = self.trial.now.distance_px
-        self._hardly_nearer = self.trial.now.distance_px > HARDLY_NEARER * before_px
+        self._hardly_nearer = self.trial.now.distance_px > HARDLY_NEARER * before.distance_px
         if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:

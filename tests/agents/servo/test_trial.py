@@ -105,6 +105,13 @@ def test_a_word_that_is_longer_than_words_can_be_meets_no_stop(arm):
     assert np.isinf(trial.stops.found).all()
 
 
+def test_where_no_motor_goes_further_a_step_looks_again(arm):
+    """Else a servo whose motors press against their stops would think for ever."""
+    steps = Steps(trial_of(arm, TestMotions(3)), step_px=100, step_word=0.7, border=0.95)
+    words, _ = carry_out(steps.make(np.zeros(3)), arm.observed)
+    assert words.tolist() == [[0.0] * 3]
+
+
 def test_a_motor_at_its_stop_is_tested_the_other_way():
     arm = LinearArm([400.0] * 3, highest=np.array([0.001, 1, 1]))
     trial = trial_of(arm, TestMotions(3))
