@@ -109,7 +109,8 @@ def test_where_no_motor_goes_further_a_step_looks_again(arm):
     """Else a servo whose motors press against their stops would think for ever."""
     steps = Steps(trial_of(arm, TestMotions(3)), step_px=100, step_word=0.7, border=0.95)
     words, _ = carry_out(steps.make(np.zeros(3)), arm.observed)
-    assert words.tolist() == [[0.0] * 3]
+    assert len(words)
+    assert not words.any()
 
 
 def test_a_motor_at_its_stop_is_tested_the_other_way():
