@@ -269,17 +269,21 @@ def test_draws_depend_on_the_rows_own_seed_the_place_and_of_events_that_return_o
 
 def test_an_event_in_view_is_the_first_draw_that_is_in_view():
     aimed = [{**EVENT, "do": {"type": "camera_aim", "camera": "left", "degrees": 40}}]
-    in_view_of = []
+    schedulers = [
+        PerturbationScheduler(1, aimed, MOVEMASTER, WAIST, keep_in_view=keep) for keep in (False, True)
+    ]
+    directions, in_view_of = [], []
     for seed in range(24):
         drawn = []
-        for keep in (False, True):
-            scheduler = PerturbationScheduler(1, aimed, MOVEMASTER, WAIST, keep_in_view=keep)
+        for scheduler in schedulers:
             scheduler.seed(0, seed)
             ((place, event),) = scheduler.events["trial"]
             drawn.append(scheduler.apply(place, event, 0, 1, nominal()))
         (first, _), (world, perturbation) = drawn
         assert world == perturbation.change(nominal())
         assert in_view(world, MOVEMASTER, WAIST)
+        directions.append(perturbation.direction)
         in_view_of.append(in_view(first, MOVEMASTER, WAIST))
         assert (first == world) == in_view_of[-1]
+    assert np.unique(directions).size == 24
     assert len(set(in_view_of)) == 2
