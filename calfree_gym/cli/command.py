@@ -166,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     option(reaches, "--reaches", "how many", type=int, default=10)
     option(reaches, "--speed", "degrees a second, at most", type=float, default=60.0)
-    option(reaches, "--tolerance-px", "of the rendezvous, of 512 px of an image", type=float, default=4.0)
+    option(reaches, "--tolerance-px", "of the rendezvous, of 512 px of an image", type=float, default=3.0)
     option(reaches, "--max-motions", "a reach is cut off after so many", type=int, default=40)
     option(reaches, "--save", "file for what is learned, and for home", type=Path)
     option(reaches, "--load", "such a file: the arm goes to its home, slowly", type=Path)

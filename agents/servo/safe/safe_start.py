@@ -222,9 +222,9 @@ class SafeStart(ServoAgent):
 
     It observes contacts by nothing but registers: words that were executed in part. It gives up where no
     motor can be moved, where no motor's motion is seen, and where it met something again and again; then
-    it sends zero words, and `gave_up` says why. A later trial begins with what the last one has taught, on
-    a leash as short as at first; over a servo whose Jacobian does not last (`paper_servo`,
-    `work_plane_servo`), with first motions again.
+    it sends zero words, and `gave_up` says why. In a later trial the servo goes on at once, with what it
+    has learned, on a leash as short as at first; one whose Jacobian does not last (`paper_servo`,
+    `work_plane_servo`) after first motions again.
 
     Args:
         env, seed: See `Agent`.
@@ -243,31 +243,35 @@ class SafeStart(ServoAgent):
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
         now = yield from findings.filter.first(first)
-        view = LinearView(self.motors)
-        if self.slopes is None:
-            motions = FirstMotions(now, findings.filter)
-            yield from motions.run()
-            now, view = motions.now, motions.view
-            findings.tested = np.maximum(motions.tested, FirstMotions.FIRST_WORD)
-            if now.last:
-                return
-            findings.gave_up = _hopeless(motions)
-            if findings.gave_up:
-                return
-            findings.units = equal_units(view.jacobian)
-        else:
+        if self.slopes is not None:
+            view = LinearView(self.motors)
             view.jacobian = self.slopes.jacobian / findings.units
-            view.variances = self.slopes.variances.mean(0) / np.outer(findings.units, findings.units)
+            leash = Leash(now, view, findings.tested, findings.filter, findings.units)
+        elif not (leash := (yield from self._begin(now, findings))):
+            return
+        findings.handed_over = True
+        now = in_units(leash.now, findings.units)
+        findings.stops = leash.stops.of(findings.units)
+        findings.gave_up = yield from leash.hold(self.servo(now, findings))
+
+    def _begin(self, now: Observation, findings: Any) -> Generator[Array, Observation, Leash | None]:
+        """First motions, then straight to the object; the leash for its servo, unless it ends before that."""
+        motions = FirstMotions(now, findings.filter)
+        yield from motions.run()
+        now, view = motions.now, motions.view
+        findings.tested = np.maximum(motions.tested, FirstMotions.FIRST_WORD)
+        if now.last:
+            return None
+        findings.gave_up = _hopeless(motions)
+        if findings.gave_up:
+            return None
+        findings.units = equal_units(view.jacobian)
         leash = Leash(now, view, findings.tested, findings.filter, findings.units)
         way = StraightWay(view, leash, findings.units)
         findings.gave_up = yield from leash.hold(way.go(in_units(now, findings.units)), whole=False)
         findings.estimator = self.servo.new_estimator(self.motors, _slopes(view, findings, leash.now))
         findings.handed_over = True
-        if findings.gave_up or leash.now.last:
-            return
-        now = in_units(leash.now, findings.units)
-        findings.stops = leash.stops.of(findings.units)
-        findings.gave_up = yield from leash.hold(self.servo(now, findings))
+        return None if findings.gave_up or leash.now.last else leash
 
     def learn_trial(self, findings: Any, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. A trial that ended before the servo went on teaches nothing but noise."""

@@ -286,6 +286,19 @@ def test_it_reaches_where_nothing_can_be_touched_too_and_remembers(servo, tmp_pa
     assert any(arrived for *_, arrived, _ in islice(motions_of(other, env, seed=5), 40))
 
 
+def test_in_a_later_trial_its_servo_goes_on_at_once_as_it_would_without_a_leash():
+    arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
+    env = gym.make("CalFree/Reach-v0", **arm)
+    agent, servo = agents.make("safe_start", env), agents.make("unified_servo", env)
+    env.reset(seed=2)
+    agent.learn(120)
+    servo.slopes, servo.filter = agent.slopes, agent.filter
+    first, _ = env.reset(seed=3)
+    (words, _), (asked, _) = (each.predict(first) for each in (agent, servo))
+    assert 0 < np.abs(words).max() < 1
+    np.testing.assert_allclose(words * (asked @ asked), asked * (words @ asked), atol=1e-6)
+
+
 def test_motors_that_may_rest_are_not_taken_for_strong_ones():
     arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
     agent = agents.make("safe_start", gym.make("CalFree/Reach-v0", **arm))
