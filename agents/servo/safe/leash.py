@@ -111,7 +111,7 @@ class Leash:
     Args:
         now: The last look.
         view: What is known of the Jacobian.
-        tested: How far each motor (m,) has been.
+        tested: How far each motor (m,) has been; grows.
         filter_: What is known of observations.
         units: What the servo takes for a word of 1, of each motor (m,).
     """
@@ -190,7 +190,7 @@ class Leash:
             self.length_px = min(self.length_px * self.GROWTH, self.MOST_PX)
         self._view.correct(executed, before, after, self._filter.noise.px)
         self.now, self._came_from = after, before.registers
-        self._tested = np.maximum(self._tested, np.abs(after.registers))
+        np.maximum(self._tested, np.abs(after.registers), out=self._tested)
         return well
 
     def hold(self, servo: Procedure, whole: bool = True) -> Generator[Array, Observation, str]:

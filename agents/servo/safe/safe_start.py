@@ -205,7 +205,7 @@ class SafeFindings(Findings[Any]):
 
     Attributes:
         units: What the servo takes for a word of 1, of each motor (m,), see `Leash`.
-        tested: How far each motor (m,) was moved alone.
+        tested: How far each motor (m,) has been.
         handed_over: Whether the servo went on.
         gave_up: Why it makes no more motions; nothing, where it does.
     """
@@ -239,7 +239,7 @@ class SafeStart(ServoAgent):
     def new_findings(self) -> SafeFindings:
         findings = super().new_findings()
         known = findings.estimator, findings.filter
-        return SafeFindings(*known, edges=findings.edges, units=self.units, tested=self.tested)
+        return SafeFindings(*known, edges=findings.edges, units=self.units, tested=self.tested.copy())
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
         now = yield from findings.filter.first(first)
