@@ -70,8 +70,8 @@ class OwnRobot(PictureReach):
         marks: What gripper and object are seen by: the colours of your balls, which `python -m
             calfree_gym.vision pick` learns from a picture (`Marks`, or their file); or a tracker, such as
             `TagTracker()` for printed tags.
-        tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less than the
-            4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
+        tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
+            than the 4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
         most_motions: A trial is cut off after so many.
         greatest_motion: No register is asked to change by more at once; words are clipped, and the way home
             is divided. Begin with a small one, such as 0.05.

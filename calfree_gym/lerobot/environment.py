@@ -102,8 +102,8 @@ class LeRobotReachEnv(PictureReach):
             The arm goes to another one slowly.
         unit: Degrees of one register: so far from home motors go, either way.
         speed: Degrees a second, at most.
-        tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less than the
-            4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
+        tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
+            than the 4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
         max_motions: A reach is cut off after so many.
         place_object: Has the next object placed, the arm at home; by default it asks, and waits for Enter.
         on_tick: Called 20 times a second with what was observed, and the action that was sent upon it.

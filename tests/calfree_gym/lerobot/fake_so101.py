@@ -252,7 +252,7 @@ class FakeSO101:
         )
 
     def _seen_from(self, home):
-        """Whether both cameras see the gripper from home (6,), and where the arm sags there, play included."""
+        """Whether both cameras see the gripper from home (6,), and where it sags there, or has play."""
         return all(self._see(self.plant.posed(home + share * SAG)) for share in (0, 0.5, 1, 1.5))
 
     def _open(self, data, at, ball):
