@@ -243,12 +243,14 @@ class SafeStart(ServoAgent):
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
         now = yield from findings.filter.first(first)
-        if self.slopes is not None:
+        if self.slopes is None:
+            leash = yield from self._begin(now, findings)
+            if leash is None:
+                return
+        else:
             view = LinearView(self.motors)
             view.jacobian = self.slopes.jacobian / findings.units
             leash = Leash(now, view, findings.tested, findings.filter, findings.units)
-        elif not (leash := (yield from self._begin(now, findings))):
-            return
         findings.handed_over = True
         now = in_units(leash.now, findings.units)
         findings.stops = leash.stops.of(findings.units)
