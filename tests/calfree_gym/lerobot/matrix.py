@@ -77,7 +77,11 @@ def main():
                 lives.append(json.loads(kept.read_text()))
                 continue
             began = time.process_time()
-            lives.append(life(agent, seed, given.tags))
+            try:
+                lives.append(life(agent, seed, given.tags))
+            except RuntimeError as error:
+                print(f"world {seed} is passed over: {error}", flush=True)
+                continue
             if kept:
                 kept.parent.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps([[m, round(mm, 2), bool(r)] for m, mm, r in lives[-1]]))
