@@ -272,12 +272,13 @@ class FakeSO101:
         """Moves both cameras by so much; from home they still see the gripper."""
         before = self.world.positions, self.world.axes
         self.plant.data.mocap_pos[0] = AWAY
-        while True:
+        for _ in range(2000):
             self.world.positions, self.world.axes = (each.copy() for each in before)
             for camera in range(2):
                 self.world.knocked(camera, self._knocks, metres, degrees)
             if self._seen_from(self._home):
                 return
+        raise RuntimeError("no knock leaves the gripper in view from home")
 
     def shift_zero(self, degrees=10.0):
         """A motor's horn slips, of the first four: at the same ticks its joint stands elsewhere.
