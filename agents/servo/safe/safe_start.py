@@ -251,7 +251,7 @@ class SafeStart(ServoAgent):
             view = LinearView(self.motors)
             view.jacobian = self.slopes.jacobian / findings.units
             leash = Leash(now, view, findings.tested, findings.filter, findings.units)
-        findings.handed_over = True
+            findings.handed_over = True
         now = in_units(leash.now, findings.units)
         findings.stops = leash.stops.of(findings.units)
         findings.gave_up = yield from leash.hold(self.servo(now, findings))

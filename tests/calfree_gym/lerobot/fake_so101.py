@@ -103,6 +103,10 @@ class Bus:
             self.calibration.pop(name, None)
 
 
+class NoPlaceError(RuntimeError):
+    """A world in which cameras do not see what they must: nothing that an agent did."""
+
+
 class FakeSO101:
     """The robot, at home, in the world of a seed.
 
@@ -238,7 +242,7 @@ class FakeSO101:
                 home.mocap_pos[0] = point
                 self.sleep(0.6)
                 return
-        raise RuntimeError("there is no place for the object")
+        raise NoPlaceError("there is no place for the object")
 
     def _see(self, data, *points):
         """Whether both cameras see the gripper's marks, and the object's at these points."""
@@ -278,7 +282,7 @@ class FakeSO101:
                 self.world.knocked(camera, self._knocks, metres, degrees)
             if self._seen_from(self._home):
                 return
-        raise RuntimeError("no knock leaves the gripper in view from home")
+        raise NoPlaceError("no knock leaves the gripper in view from home")
 
     def shift_zero(self, degrees=10.0):
         """A motor's horn slips, of the first four: at the same ticks its joint stands elsewhere.
@@ -295,7 +299,7 @@ class FakeSO101:
                 self.plant.targets[i] += sign * np.radians(degrees)
                 self.sleep(1.0)
                 return
-        raise RuntimeError("from home the gripper is seen nowhere else")
+        raise NoPlaceError("from home the gripper is seen nowhere else")
 
     def grip(self):
         """The gripper point (3,) in m."""

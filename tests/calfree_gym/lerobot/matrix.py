@@ -16,7 +16,7 @@ import numpy as np
 import agents
 from calfree_gym.lerobot import ArmError, LeRobotReachEnv
 from calfree_gym.vision import TagTracker
-from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
+from tests.calfree_gym.lerobot.fake_so101 import FakeSO101, NoPlaceError
 
 FIRST, AFTER = 10, 5
 """Reaches before anything changes, and after each change."""
@@ -79,7 +79,7 @@ def main():
             began = time.process_time()
             try:
                 lives.append(life(agent, seed, given.tags))
-            except RuntimeError as error:
+            except NoPlaceError as error:
                 print(f"world {seed} is passed over: {error}", flush=True)
                 continue
             if kept:
