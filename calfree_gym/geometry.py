@@ -72,6 +72,16 @@ def looking_at(position: Array, target: Array) -> Array:
     return quaternion_of(np.array([right, upward, backward]).T)
 
 
+def points_of(x: Array, y: Array, z: Array) -> Array:
+    """Points (..., 3) of their coordinates (...).
+
+    Each of these lies together in memory: so NumPy's loops are over points, and not over three numbers.
+    """
+    points = np.empty((3, *np.broadcast(x, y, z).shape))
+    points[0], points[1], points[2] = x, y, z
+    return points.transpose(*range(1, points.ndim), 0)
+
+
 def in_frame(points: Array, origin: Array, axes: Array) -> Array:
     """Points (..., 3) as a frame has them that has this origin (..., 3), and axes as columns (..., 3, 3)."""
     way = points - origin

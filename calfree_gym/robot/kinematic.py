@@ -31,8 +31,8 @@ class KinematicSimulation(ReachSimulation):
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, threads)
         self._fixed_to = mounts
-        self._centres, self._axes = np.zeros((rows, 2, 3)), np.zeros((rows, 2, 3, 3))
-        self._points = np.zeros((2, rows, 3))
+        self._centres, self._axes = np.zeros((3, 2, rows)).T, np.zeros((3, 3, 2, rows)).T
+        self._points = np.moveaxis(np.zeros((3, 2, rows)), 0, -1)
         self._seen = np.zeros((2, rows, 2, 2)), np.zeros((2, rows, 2))
 
     def set_world(self, row: int, world: World) -> None:
@@ -47,7 +47,8 @@ class KinematicSimulation(ReachSimulation):
     def refresh(self) -> None:
         """See `Simulation`."""
         joints, lengths = self._all_qpos[:, self._qpos], self._lengths
-        self._points = np.stack([self._robot.gripper_position(joints, lengths), self._object[:, self._mocap]])
+        self._points[0] = self._robot.gripper_position(joints, lengths)
+        self._points[1] = self._object[:, self._mocap]
         before_cameras = self._robot.into_mounts(self._points, joints, lengths, self._fixed_to)
         self._seen = pinhole(before_cameras, self._centres, self._axes)
 

@@ -71,7 +71,7 @@ class Simulation(OfWorlds, ABC):
         self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
         self._occluders = np.zeros((rows, 5))
-        self._lengths, self._focal = np.tile(robot.lengths, (rows, 1)), np.ones((rows, 2, 1))
+        self._lengths, self._focal = np.tile(robot.lengths, (rows, 1)), np.ones((1, 2, rows)).T
         self._camera_position = self._batch.expand("cam_pos")
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
@@ -83,7 +83,7 @@ class Simulation(OfWorlds, ABC):
         self._scene = scene
         self._qpos, self._ctrl = columns(scene.qpos), columns(scene.actuators)
         self._speeds = robot.speeds
-        homes = [robot.home_frame(mount) for mount in mounts]
+        homes = [robot.home_frames[mount] for mount in mounts]
         self._mounts = [(position, axes, quaternion_of(axes)) for position, axes in homes]
         self._all_qpos[:], self._all_ctrl[:] = scene.home, scene.ctrl
 

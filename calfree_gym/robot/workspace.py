@@ -335,11 +335,8 @@ def cameras_at_home(world: World, robot: Robot, mounts: Mounts) -> Array:
     positions = world.camera_position.copy()
     for camera, body in enumerate(mounts):
         if body != ROOM:
-            (built, built_axes), (there, axes) = (
-                robot.home_frame(body),
-                robot.frames(body, home, world.link_lengths),
-            )
-            positions[camera] = there + axes @ built_axes.T @ (positions[camera] - built)
+            origin, axes = robot.room_moved_with(body, home, world.link_lengths)
+            positions[camera] = origin + axes @ positions[camera]
     return positions
 
 

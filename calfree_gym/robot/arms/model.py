@@ -10,7 +10,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import RANK, rounded
-from calfree_gym.robot.arms.chain import SLIDE, Chain
+from calfree_gym.robot.arms.chain import SLIDE, Chain, transform
 from calfree_gym.robot.arms.mjcf import Parts, compiled
 from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
@@ -141,6 +141,12 @@ class ArmModel(Robot):
     def frames(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """See `Robot`."""
         return self._chain(self.parts.bodies.index(body)).frames(angles, lengths / self.lengths)
+
+    def room_moved_with(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
+        """See `Robot`."""
+        home, axes = self.home_frames[body]
+        chain, room_at_home = self._chain(self.parts.bodies.index(body)), transform(axes.T, -axes.T @ home)
+        return chain.frames(angles, lengths / self.lengths, room_at_home)
 
     def _chain(self, body: int) -> Chain:
         if body not in self._chains:

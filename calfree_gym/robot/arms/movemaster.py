@@ -7,7 +7,7 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
-from calfree_gym.geometry import Array, Flags
+from calfree_gym.geometry import Array, Flags, points_of
 from calfree_gym.robot.arms.robot import HINGE_SPEED, Furnish, Mounts, Rig, Robot, Scene
 from calfree_gym.robot.arms.scene import (
     GripperMarks,
@@ -67,10 +67,8 @@ def gripper_position(joints: Array, link_lengths: Array) -> Array:
     angles[3] = angles[2] + joints[..., 3]
     (c, *along), (s, *up) = np.cos(angles), np.sin(angles)
     radius = shoulder + upper_arm * along[0] + forearm * along[1] + hand * along[2]
-    points = np.empty((*radius.shape, 3))
-    points[..., 0], points[..., 1] = radius * c, radius * s
-    points[..., 2] = base + upper_arm * up[0] + forearm * up[1] + hand * up[2]
-    return points
+    height = base + upper_arm * up[0] + forearm * up[1] + hand * up[2]
+    return points_of(radius * c, radius * s, height)
 
 
 class Movemaster(Robot):
@@ -155,9 +153,7 @@ class Movemaster(Robot):
             return super().into_mounts(points, angles, lengths, mounts)
         c, s = np.cos(angles[..., 0]), np.sin(angles[..., 0])
         x, y, z = (points[..., axis] for axis in range(3))
-        there = np.empty((*np.broadcast_shapes(c.shape, z.shape), 1, 3))
-        there[..., 0, 0], there[..., 0, 1], there[..., 0, 2] = c * x + s * y, c * y - s * x, z
-        return there
+        return points_of(c * x + s * y, c * y - s * x, z)[..., None, :]
 
     def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import mujoco
@@ -139,11 +140,17 @@ class Robot(ABC):
     def frames(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """Position (..., 3) in m and axes as columns (..., 3, 3) of a body, in the room."""
 
-    def home_frame(self, body: str) -> tuple[Array, Array]:
-        """The same (3,) and (3, 3), at home as built."""
-        if body == ROOM:
-            return np.zeros(3), np.eye(3)
-        return self.frames(body, self.built_home, self.lengths)
+    @cached_property
+    def home_frames(self) -> dict[str, tuple[Array, Array]]:
+        """The same (3,) and (3, 3), of every body and of the room, at home as built."""
+        frames = {body: self.frames(body, self.built_home, self.lengths) for body in self.bodies}
+        return {ROOM: (np.zeros(3), np.eye(3)), **frames}
+
+    def room_moved_with(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
+        """Origin (..., 3) and axes as columns (..., 3, 3) of the room, had it moved with a body."""
+        (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frames[body]
+        turned = axes @ home_axes.T
+        return position - turned @ home, turned
 
     def into_mounts(self, points: Array, angles: Array, lengths: Array, mounts: Mounts) -> Array:
         """Points (..., 3) of the room as the cameras on `mounts` have them before them (..., 1 or 2, 3).
@@ -156,8 +163,7 @@ class Robot(ABC):
             if body == ROOM:
                 moved.append(np.broadcast_to(points, (*shape, 3)))
                 continue
-            (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frame(body)
-            moved.append(in_frame(in_frame(points, position, axes), -home @ home_axes, home_axes.T))
+            moved.append(in_frame(points, *self.room_moved_with(body, angles, lengths)))
         return np.stack(moved, -2)
 
     @abstractmethod
