@@ -53,6 +53,8 @@ DRAWS = 4000
 to 0.8 %: where all succeed, the lower one is 88.9 %, with very many draws 88.1 %."""
 SHARE = (0.0, 1.0)
 """The bounds of a share."""
+_EQUAL = 1e-12
+"""Shares that differ by no more are equal: products of shares are rounded."""
 
 
 def mean_share(successes: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
@@ -222,7 +224,7 @@ def share_of_worlds(values: Array, reference: Array) -> Estimate:
 def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
     """The median time by Kaplan and Meier (1958); infinite where half of the worlds have not reached it.
 
-    Its interval, where there are enough worlds, is Brookmeyer and Crowley's (1982): the times at which the
+    Of an even number of worlds it lies amid the two in the middle. Its interval, where there are enough worlds, is Brookmeyer and Crowley's (1982): the times at which the
     log-log interval of the share that has not reached it holds one half.
 
     Args:
@@ -231,7 +233,8 @@ def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
     """
     times, reached = np.asarray(times, float), np.asarray(reached, bool)
     left = scipy.stats.ecdf(scipy.stats.CensoredData.right_censored(times, ~reached)).sf
-    value = _first_half(left.quantiles, left.probabilities)
+    half, most = (_first_below(left.quantiles, left.probabilities, 0.5 + each) for each in (_EQUAL, -_EQUAL))
+    value = (half + most) / 2
     if len(times) < ENOUGH_WORLDS:
         return Estimate(value)
     with warnings.catch_warnings():  # where all or none are left it is undefined: these are taken as they are
@@ -241,10 +244,10 @@ def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
         np.where(np.isnan(edge.probabilities), left.probabilities, edge.probabilities)
         for edge in (band.low, band.high)
     )
-    return Estimate(value, *(_first_half(left.quantiles, edge) for edge in edges))
+    return Estimate(value, *(_first_below(left.quantiles, edge, 0.5 + _EQUAL) for edge in edges))
 
 
-def _first_half(times: Array, left: Array) -> float:
-    """The first time after which at most half are left, but for rounding in products of shares."""
-    below = left <= 0.5 + 1e-12
+def _first_below(times: Array, left: Array, share: float) -> float:
+    """The first time after which less than this share is left."""
+    below = left < share
     return float(times[below.argmax()]) if below.any() else np.inf

@@ -69,7 +69,8 @@ def table_of(
     before and after the first change, too.
     """
     if isinstance(come_to, HeldOut):
-        found, note = _of_held_out(come_to)
+        evaluation = finished.suite.evaluation_of(come_to.scenario)
+        found, note = _of_held_out(come_to, evaluation.trials if evaluation else 0)
     elif isinstance(come_to, OwnTrials):
         found, note = _of_trials(come_to)
     else:
@@ -87,7 +88,7 @@ def table_of(
     return Table(part.name, f"{finished.suite.name}: {part.name}", pd.DataFrame(rows), note=note)
 
 
-def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
+def _of_held_out(held: HeldOut, trials: int) -> tuple[_Cells, str]:
     changes = bool(held.scenario.perturbations)
     shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
     column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
@@ -101,7 +102,8 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
         "The median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap} motions. {_GOOD} reach: as the cameras see it, from a checkpoint on, on average.{knock}"
+        f"{held.cap} motions. {_GOOD}: of the {trials} trials at a checkpoint and of those that follow, as "
+        f"cameras see it.{knock}"
     )
 
 

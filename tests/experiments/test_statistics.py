@@ -222,11 +222,18 @@ def test_where_every_world_reaches_it_the_median_is_that_of_order_statistics():
     assert np.abs(place[:2] - place[2:]).max() <= 1, "one world more or less"
 
 
+def test_of_an_even_number_of_worlds_the_median_lies_amid_the_two_in_the_middle():
+    times = np.random.default_rng(2).exponential(1_000, 20)
+    assert median_time(times, np.ones(20, bool)).value == pytest.approx(np.median(times))
+    half = np.arange(20) < 10
+    assert median_time(np.where(half, 100.0, 5_000.0), half).value == np.inf, "half have not reached it"
+
+
 def test_a_world_that_was_looked_at_for_a_short_time_tells_only_that():
     """Of three worlds one ends early: the others are the half of it that is left."""
     times = np.repeat([100.0, 200.0, 300.0], 10)
     reached = np.repeat([False, True, True], 10)
-    assert median_time(times, reached).value == 200
+    assert median_time(times, reached).value == 250
     assert median_time(times, np.repeat([True, True, True], 10)).value == 200
     assert median_time(times, np.repeat([False, False, True], 10)).value == 300
 
