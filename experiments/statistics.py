@@ -224,8 +224,9 @@ def share_of_worlds(values: Array, reference: Array) -> Estimate:
 def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
     """The median time by Kaplan and Meier (1958); infinite where half of the worlds have not reached it.
 
-    Of an even number of worlds it lies amid the two in the middle. Its interval, where there are enough worlds, is Brookmeyer and Crowley's (1982): the times at which the
-    log-log interval of the share that has not reached it holds one half.
+    Of an even number of worlds it lies amid the two in the middle. Its interval, where there are enough
+    worlds, is Brookmeyer and Crowley's (1982): the times at which the log-log interval of the share that has
+    not reached it holds one half.
 
     Args:
         times: When each world reached it, or was last looked at (n,).

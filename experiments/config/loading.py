@@ -145,21 +145,28 @@ def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     if not isinstance(extended, str) or Path(extended).name != extended:
         raise ConfigError(f"{path}: extends: found {extended!r}; allowed: the name of a file beside this one")
     below, chain = path.parent / extended, (*above, path)
-    if below.resolve() in (each.resolve() for each in chain):
+    if _resolved(below) in (each.resolve() for each in chain):
         circle = " -> ".join(each.name for each in (*chain, below))
         raise ConfigError(f"{path}: extends: found a circle, {circle}")
     return {**read_mapping(below, chain), **data}
 
 
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{str(path)!r}: is the path of no file: {error}") from None
+
+
 def read_yaml(path: Path) -> Any:
     """The plain values in a YAML file; what has no end, as a device, is none."""
-    if path.exists() and not (path.is_file() and path.stat().st_size <= _MOST_BYTES):
-        raise ConfigError(f"{path}: cannot be read; allowed: a file of at most {_MOST_BYTES} bytes")
     try:
+        if path.exists() and not (path.is_file() and path.stat().st_size <= _MOST_BYTES):
+            raise ConfigError(f"{path}: cannot be read; allowed: a file of at most {_MOST_BYTES} bytes")
         return read(path.read_text(encoding="utf-8"))
     except UnclearNumberError as error:
         raise ConfigError(f"{path}:\n  {error}") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}{_place(error)}") from None
@@ -203,7 +210,7 @@ def _with_models_path(part: Any, folder: Path) -> Any:
         return part
     if not isinstance(model, str) or model.lstrip().startswith("<"):
         return part
-    return {**part, "env": {**env, "arm": {**arm, "model": str((folder / model).resolve())}}}
+    return {**part, "env": {**env, "arm": {**arm, "model": str(_resolved(folder / model))}}}
 
 
 def _with_settings_file(agent: Any, folder: Path) -> Any:

@@ -14,7 +14,8 @@ from pydantic import (
 
 from calfree_gym.errors import near_misses
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=60)]
+"""Three of them, and more, are the name of a folder, which has at most 255 letters."""
 
 
 class Model(BaseModel):

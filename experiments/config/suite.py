@@ -224,7 +224,7 @@ class Suite(Model):
     question: str
     seed: int = Field(0, ge=0)
     first_world: int | None = Field(default=None, ge=0)
-    worlds: int = Field(gt=0)
+    worlds: int = Field(gt=0, le=1_000_000)
     scenarios: Annotated[
         tuple[ScenarioConfig, ...], Field(strict=False), AfterValidator(distinctly_named)
     ] = ()

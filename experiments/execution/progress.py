@@ -27,10 +27,11 @@ from experiments.running.results_folder import (
     FAILED,
     LOG,
     RUN,
+    Failure,
     at_work,
     folder_of,
     is_done,
-    read_json,
+    read_as,
     read_suite,
     suite_written_down,
 )
@@ -216,9 +217,9 @@ def _state(run: Run, out: Path, runner: bool) -> tuple[str, str]:
     if is_done(folder):
         return "done", f"{amount:,} {of}"
     if (folder / FAILED).exists():
-        failure = read_json(folder / FAILED)
-        last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
-        return "failed", f"exit code {failure['exit_code']}: {printable(last)} ({folder / LOG})"
+        failure = read_as(folder / FAILED, Failure)
+        *_, last = "it printed nothing", *failure.log_tail
+        return "failed", f"exit code {failure.exit_code}: {printable(last)} ({folder / LOG})"
     begun = newest_folder(pending_of(out, run.id)) or folder
     if not (begun / RUN).exists():
         return "waiting", ""
@@ -306,7 +307,7 @@ def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
     Nothing of a suite that cannot be read now.
     """
     try:
-        suite = suite_written_down(read_about(times.with_name(RESULTS))["suite"])
+        suite = suite_written_down(read_about(times.with_name(RESULTS)).suite)
     except (ConfigError, KeyError, ValidationError):
         return
     rows = read_times(times).fillna({"decision": 0.0, "learning": 0.0})

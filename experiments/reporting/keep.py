@@ -9,11 +9,11 @@ from PIL import Image
 
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.kept_tables import read_kept, write_page
+from experiments.reporting.kept_tables import page_of, read_kept
 from experiments.reporting.pages import MARKDOWN, PAGE
 from experiments.reporting.report import films_in, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
-from experiments.running.results_folder import FIGURES
+from experiments.running.results_folder import FIGURES, write_whole
 from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 256
@@ -99,11 +99,12 @@ def keep_benchmark(measured: Path, kept: Path) -> Path:
     folder = kept / measured.stem
     if (folder / RESULTS).exists():
         raise ConfigError(f"{folder} holds the results of a suite; give {measured.name} another name")
+    page = page_of(measured, folder.name)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / measured.name
     if target.resolve() != measured.resolve():
-        shutil.copyfile(measured, target)
+        write_whole(target, measured.read_text(encoding="utf-8"))
         if (figure := measured.with_suffix(".png")).exists():
             keep_figure(figure, target.with_suffix(".png"))
-    write_page(target, folder / MARKDOWN)
+    write_whole(folder / MARKDOWN, page)
     return folder

@@ -24,10 +24,9 @@ from experiments.config.loading import read_mapping
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
-from experiments.reporting.pages import tables_markdown
+from experiments.reporting.pages import tables_markdown, without_tags
 from experiments.reporting.results_file import TIMES, read_times
 from experiments.reporting.tables import Table, must_know
-from experiments.running.results_folder import write_whole
 from experiments.running.versions import REPOSITORY
 
 KEPT = REPOSITORY / "experiments" / "results"
@@ -137,7 +136,7 @@ def read_kept(path: Path) -> tuple[list[Table], list[Table], str]:
             [Table.from_dict(table) for table in each] for each in (kept["tables"], kept.get("details", ()))
         )
         return tables, details, kept["commit"]
-    except (KeyError, ValueError) as error:
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
 
 
@@ -181,12 +180,12 @@ def _filled(path: Path, text: str, table: Callable[[str], str]) -> str:
     return "".join(parts) + text[position:]
 
 
-def write_page(measured: Path, page: Path) -> None:
-    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read."""
+def page_of(measured: Path, title: str) -> str:
+    """The tables of a kept JSON file, and its figure, as a page of Markdown to read."""
     tables, _, commit = read_kept(measured)
-    parts = [f"# {measured.parent.name}", f"Code of commit {commit}."]
+    parts = [f"# {title}", f"Code of commit {commit}."]
     if (figure := measured.with_suffix(".png")).exists():
         parts.append(f"![{measured.stem}]({figure.name})")
     for table in tables:
         parts += [f"## {table.title}", *tables_markdown([table])]
-    write_whole(page, "\n\n".join(parts) + "\n")
+    return without_tags("\n\n".join(parts)) + "\n"

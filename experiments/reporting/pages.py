@@ -89,10 +89,10 @@ def markdown_page(head: Head, sections: Sequence[Section]) -> str:
     parts += [*tables_markdown([head.table] if head.table else []), *head.said]
     if head.film:
         parts.append(f"![An agent at work]({head.film.name})")
-    parts = [_without_tags(part) for part in parts]
+    parts = [without_tags(part) for part in parts]
     for section in sections:
         body = [section.text, *_figures(section.figures), *tables_markdown(section.tables), section.note]
-        title, *body = [_without_tags(text) for text in (section.title, *body)]
+        title, *body = [without_tags(text) for text in (section.title, *body)]
         if section.code:
             fence = max(["```", *(f"{run}`" for run in re.findall("`{3,}", section.code))], key=len)
             body.append(f"{fence}\n{section.code.rstrip()}\n{fence}")
@@ -103,7 +103,7 @@ def markdown_page(head: Head, sections: Sequence[Section]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _without_tags(text: str) -> str:
+def without_tags(text: str) -> str:
     """Markdown without HTML: texts are of whoever wrote the suite."""
     return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", text)
 

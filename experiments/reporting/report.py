@@ -176,12 +176,14 @@ def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:
     kinds = {agent.label: agent.name for agent in suite.agents}
     known = {agent.label: finished.must_know(agent) for agent in suite.agents}
     config = hashlib.sha256(json.dumps(suite.model_dump(mode="json"), sort_keys=True).encode())
-    return numbers.assign(
+    numbers = numbers.assign(
         kind=numbers["agent"].map(kinds),
         must_know=numbers["agent"].map(known),
         config=config.hexdigest()[:12],
-        **finished.versions,
     )
+    for what, version in finished.versions.items():
+        numbers[what] = version
+    return numbers
 
 
 def _provenance(finished: FinishedSuite) -> Section:

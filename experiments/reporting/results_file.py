@@ -10,17 +10,16 @@ differ, and makes the file some ten times smaller.
 
 import base64
 import json
-import re
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from calfree_gym.files import whole
 from experiments.config.environment import is_told
@@ -28,24 +27,30 @@ from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
+from experiments.reporting.tables import counted
 from experiments.running.cpu_time import CPU
 from experiments.running.results_folder import (
     DONE,
     FAILED,
+    RUNS,
     TIMINGS,
     TRIALS,
     VERSIONS,
+    Failure,
     commit_of,
     damaged,
     folder_of,
     is_done,
+    read_as,
     read_json,
     read_suite,
     refuse_foreign,
     suite_written_down,
+    what_is_wrong,
     write_whole,
 )
 from experiments.running.run import LifetimeRun, Run, runs_of
+from experiments.running.versions import UNKNOWN
 
 RESULTS, TIMES = "results.parquet", "timings.csv"
 TIMED = ("run", "wall_seconds", "decision", "learning")
@@ -73,20 +78,50 @@ def packed(about: dict[str, Any]) -> str:
     return base64.b64encode(zlib.compress(json.dumps(about).encode(), 9)).decode()
 
 
-def read_about(results: Path) -> dict[str, Any]:
+Word = Annotated[str, Field(pattern=r"^[\w.+-][\w.+, -]*$")]
+
+
+class _Outcome(BaseModel, extra="allow"):
+    privileged: list[str]
+    prior_knowledge: list[str]
+
+
+class About(BaseModel):
+    """What a Parquet file says besides its rows.
+
+    Attributes:
+        outcomes: Of finished runs, by their ids.
+        failures: The last lines that failed runs printed.
+        versions: Of the commit, and of what else made the runs.
+    """
+
+    version: int = VERSION
+    suite: dict[str, Any]
+    command: str
+    versions: dict[Word, Word]
+    outcomes: dict[str, _Outcome]
+    failures: dict[str, list[str]]
+
+
+def read_about(results: Path) -> About:
     """What a Parquet file says of its suite."""
     metadata: dict[bytes, bytes] = opened(pq.read_metadata, results).metadata or {}
     if METADATA.encode() not in metadata:
         raise ConfigError(f"{results} says nothing of a suite: {OTHER}")
     try:
         about: Any = json.loads(zlib.decompress(base64.b64decode(metadata[METADATA.encode()])))
-    except (ValueError, zlib.error) as error:
+    except (RecursionError, ValueError, zlib.error) as error:
         raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
     if not isinstance(about, dict):
         raise ConfigError(f"{results} says {type(about).__name__} of its suite: {OTHER}")
     if (version := about.get("version")) != VERSION:
         raise ConfigError(f"{results} has form {version}; known is form {VERSION}: {OTHER}")
-    return about
+    try:
+        return About.model_validate(about)
+    except ValidationError as error:
+        raise ConfigError(
+            f"{results} is damaged in what it says of its suite: {what_is_wrong(error)}"
+        ) from None
 
 
 def read_times(path: Path) -> pd.DataFrame:
@@ -108,20 +143,20 @@ SCHEMA = pa.schema(
         ("run", pa.string()),
         ("scenario", pa.string()),
         ("agent", pa.string()),
-        ("world", pa.int64()),
+        ("world", pa.int32()),
         ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones; "sweep"
         ("value", pa.float64()),  # of what a sweep varies; null elsewhere
         ("in_view", pa.bool_()),  # of a sweep's trials; null elsewhere
-        ("lifetime_motions", pa.int64()),
-        ("motions_since_perturbation", pa.int64()),  # null before the first one
-        ("trial", pa.int64()),
-        ("motions", pa.int64()),
+        ("lifetime_motions", pa.int32()),
+        ("motions_since_perturbation", pa.int32()),  # null before the first one
+        ("trial", pa.int32()),
+        ("motions", pa.int32()),
         ("robot_seconds", pa.float64()),
         ("success", pa.bool_()),  # true error within the tolerance
         ("rendezvous", pa.bool_()),  # as observed
         ("error_px", pa.float64()),
         ("distance_mm", pa.float64()),
-        *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
+        *((f"motions_to_{threshold}", pa.int32()) for threshold in THRESHOLDS_PX),
         ("expected_px", pa.float64()),  # after the first motion, as told before; null where nothing is told
     ]
 )
@@ -142,24 +177,37 @@ def gather(out: Path) -> Path:
     done = [run for run in runs if is_done(folder_of(out, run.id))]
     for run in done[:1]:
         refuse_foreign(out, suite, read_json(folder_of(out, run.id) / VERSIONS))
+    outcomes = {run.id: _outcome(folder_of(out, run.id)) for run in done}
+    _refuse_loss(out, outcomes)
     about = {
         "version": VERSION,
         "suite": suite.told(),
         "command": command,
         "versions": _versions(out, runs),
-        "outcomes": {run.id: _outcome(folder_of(out, run.id)) for run in done},
+        "outcomes": outcomes,
         "failures": {
-            run.id: read_json(report)["log_tail"]
+            run.id: read_as(report, Failure).log_tail
             for run in runs
             if (report := folder_of(out, run.id) / FAILED).exists()
         },
     }
-    rows = [row for run in done for row in _rows(folder_of(out, run.id), run)]
-    if not suite.claims:
-        rows = _without_first_motions(rows)
-    _write(rows, about, out / RESULTS)
+    rows = [_rows(folder_of(out, run.id), run, bool(suite.claims)) for run in done]
+    _write(pa.concat_tables(rows) if rows else SCHEMA.empty_table(), about, out / RESULTS)
     write_whole(out / TIMES, _times(out, done).to_csv(index=False))
     return out / RESULTS
+
+
+def _refuse_loss(out: Path, outcomes: dict[str, Any]) -> None:
+    """Raises ConfigError where a file made before holds runs that are not there any more."""
+    try:
+        lost = sorted(read_about(out / RESULTS).outcomes.keys() - outcomes.keys())
+    except ConfigError:
+        return  # there is none, or nothing can be read of it
+    if lost:
+        raise ConfigError(
+            f"{out / RESULTS} holds {counted(len(lost), 'finished run')} that {RUNS} lacks, such as "
+            f"{lost[0]}; allowed: `report {RESULTS}`, those folders, or to delete the file"
+        )
 
 
 def read_finished(results: Path, out: Path) -> FinishedSuite:
@@ -170,13 +218,13 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
     about, table = read_about(results), opened(pq.read_table, results)
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
-    rows = table.to_pandas()
     try:
-        _check_told(results, about)
-        suite = suite_written_down(about["suite"])
+        rows = table.select(SCHEMA.names).cast(SCHEMA).to_pandas()
+        _check_told(results, about.suite)
+        suite = suite_written_down(about.suite)
         runs = runs_of(suite)
         known = {run.id for run in runs}
-        if foreign := sorted({*about["outcomes"], *about["failures"], *rows["run"]} - known):
+        if foreign := sorted({*about.outcomes, *about.failures, *rows["run"]} - known):
             raise ConfigError(
                 f"{results} holds the run {foreign[0]}, which its own suite does not have: {OTHER}"
             )
@@ -184,30 +232,24 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
         return FinishedSuite(
             out=out,
             suite=suite,
-            command=about["command"],
+            command=about.command,
             runs=runs,
-            outcomes=about["outcomes"],
-            failures=about["failures"],
-            versions=about["versions"],
+            outcomes={run: outcome.model_dump() for run, outcome in about.outcomes.items()},
+            failures=about.failures,
+            versions={"commit": UNKNOWN} | about.versions,
             results=rows,
             timings=timings[timings["run"].isin(known)],
         )
-    except (AttributeError, KeyError, TypeError, ValidationError) as error:
+    except (AttributeError, KeyError, TypeError, ValidationError, pa.ArrowInvalid) as error:
         raise ConfigError(f"{results} cannot be read: {error}: {OTHER}") from None
 
 
-_WORD = re.compile(r"[\w.+-][\w.+, -]*")
-
-
-def _check_told(results: Path, about: dict[str, Any]) -> None:
-    """Raises ConfigError where arms are not just told, or versions are what a spreadsheet takes for more."""
-    for part in (*about["suite"].get("scenarios", ()), *about["suite"].get("sweeps", ())):
+def _check_told(results: Path, suite: dict[str, Any]) -> None:
+    """Raises ConfigError where arms are not just told."""
+    for part in (*suite.get("scenarios", ()), *suite.get("sweeps", ())):
         arm = part["env"].get("arm")
         if isinstance(arm, dict) and not is_told(arm):
             raise ConfigError(f"{results} holds the model of an arm; allowed: what `gather` tells of it")
-    for name, version in about["versions"].items():
-        if not (_WORD.fullmatch(name) and _WORD.fullmatch(version)):
-            raise ConfigError(f"{results} has version {version!r} of {name!r}; allowed: words and numbers")
 
 
 def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
@@ -217,29 +259,29 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
         made_by = folder_of(out, run.id) / VERSIONS
         if made_by.exists():
             for name, version in read_json(made_by).items():
-                found.setdefault(name, set()).add(version)
+                found.setdefault(name, set()).add(str(version))
     return {name: ", ".join(sorted(versions)) for name, versions in found.items()}
 
 
 def _outcome(folder: Path) -> dict[str, Any]:
     """What a finished run says about itself, but for what its rows tell: when its world changed."""
-    outcome = read_json(folder / DONE)
+    outcome = read_json(folder / DONE, "privileged", "prior_knowledge")
     outcome.pop("perturbations", None)
     return outcome
 
 
-def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:
-    """A run's trials, as its log has them."""
+def _rows(folder: Path, run: Run, first_motions: bool) -> pa.Table:
+    """A run's trials, as its log has them; without what only claims ask of own trials, where none do."""
     path = folder / TRIALS
+    of_run = {"run": run.id, **run.where}
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-        rows = [{**json.loads(line)} for line in lines]
-    except (FileNotFoundError, TypeError, ValueError) as error:
+        rows = [{**json.loads(line), **of_run} for line in lines]
+        if isinstance(run, LifetimeRun) and run.scenario.motions is not None:
+            rows = _thinned(rows)
+        return pa.Table.from_pylist(rows if first_motions else _without_first_motions(rows), schema=SCHEMA)
+    except (FileNotFoundError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         raise damaged(path, error) from None
-    of_run = {"run": run.id, **run.where}
-    if isinstance(run, LifetimeRun) and run.scenario.motions is not None:
-        rows = _thinned(rows)
-    return [of_run | row for row in rows]
 
 
 def _thinned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -260,16 +302,21 @@ def _without_first_motions(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _times(out: Path, done: list[Run]) -> pd.DataFrame:
     """Seconds of each finished run, one a row."""
-    paths = {run.id: folder_of(out, run.id) / TIMINGS for run in done}
-    found = [(run, read_json(path, "wall_seconds", CPU)) for run, path in paths.items() if path.exists()]
-    rows = [{"run": run, "wall_seconds": each["wall_seconds"], **each[CPU]} for run, each in found]
+    rows = []
+    for run in done:
+        if (path := folder_of(out, run.id) / TIMINGS).exists():
+            found = read_json(path, "wall_seconds", CPU)
+            try:
+                seconds = {"wall_seconds": found["wall_seconds"], **found[CPU]}
+                rows.append({"run": run.id} | {name: float(each) for name, each in seconds.items()})
+            except (TypeError, ValueError) as error:
+                raise damaged(path, error) from None
     return pd.DataFrame(rows, columns=TIMED)
 
 
-def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> None:
+def _write(rows: pa.Table, about: dict[str, Any], target: Path) -> None:
     """Replaced as a whole. Metadata are not compressed by Parquet, and are by us."""
-    table = pa.Table.from_pylist(rows, schema=SCHEMA)
-    columns = [_compact(field, table[field.name]) for field in SCHEMA]
+    columns = [_compact(name, rows[name]) for name in SCHEMA.names]
     table = pa.table(columns, names=SCHEMA.names)
     with (
         whole(target) as file,
@@ -290,10 +337,8 @@ def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> N
         writer.add_key_value_metadata({METADATA: packed(about)})
 
 
-def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.Array:
-    if field.type == pa.int64():
-        return column.cast(pa.int32())
-    if steps := _FINENESS.get(field.name):
-        rounded = np.ceil if field.name.endswith(("_px", "_mm")) else np.round
+def _compact(name: str, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.Array:
+    if steps := _FINENESS.get(name):
+        rounded = np.ceil if name.endswith(("_px", "_mm")) else np.round
         return pa.array(rounded(column.to_numpy() * steps) / steps, from_pandas=True)
     return column

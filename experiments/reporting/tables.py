@@ -76,9 +76,15 @@ class Table:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` returned."""
+        """What `to_dict` returned.
+
+        Raises:
+            ValueError: A column cannot be written by its format.
+        """
         frame = pd.DataFrame(data["rows"], columns=data["columns"], dtype=object)
-        return cls(data["name"], data["title"], frame, data["formats"], data["note"])
+        table = cls(data["name"], data["title"], frame, data["formats"], data["note"])
+        table.markdown()
+        return table
 
 
 def narrow(table: Table) -> list[Table]:

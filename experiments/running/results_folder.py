@@ -5,10 +5,10 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from filelock import FileLock, Timeout
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from calfree_gym.files import whole
 from experiments.config.own_agents import TOLD
@@ -31,6 +31,7 @@ TIMINGS = "timings.json"
 FAILED = "FAILED.json"
 PATIENCE = 10.0
 """Seconds in which a runner that was killed has let go of the folder."""
+Form = TypeVar("Form", bound=BaseModel)
 
 
 def made_folder(out: Path) -> Path:
@@ -82,13 +83,39 @@ def read_json(path: Path, *keys: str) -> dict[str, Any]:
     """Reads a mapping that `write_json` wrote."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (RecursionError, ValueError) as error:
         raise damaged(path, error) from None
     if not isinstance(found, dict):
         raise damaged(path, f"found {type(found).__name__}; allowed: a mapping")
     if lacking := ", ".join(key for key in keys if key not in found):
         raise damaged(path, f"{lacking} is missing")
     return found
+
+
+class Failure(BaseModel):
+    """What a run left that failed."""
+
+    exit_code: int
+    log_tail: list[str]
+
+
+class _Ran(BaseModel):
+    suite: dict[str, Any]
+    command: str
+
+
+def read_as(path: Path, form: type[Form]) -> Form:
+    """Reads a mapping of this form that `write_json` wrote."""
+    try:
+        return form.model_validate(read_json(path))
+    except ValidationError as error:
+        raise damaged(path, what_is_wrong(error)) from None
+
+
+def what_is_wrong(error: ValidationError) -> str:
+    """The first fault, and where it is."""
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
 
 
 def damaged(path: Path, what: object) -> ConfigError:
@@ -101,21 +128,26 @@ def damaged(path: Path, what: object) -> ConfigError:
 
 def suite_written_down(found: dict[str, Any]) -> Suite:
     """A suite from its JSON, which imports nothing; without claims of 0.1, which have no null agents."""
-    claims = found.get("claims") or []
-    can_fail = [each for each in claims if all("null_agent" in of for of in each["criteria"])]
-    return Suite.model_validate(found | {"claims": can_fail}, context=TOLD)
+    if isinstance(claims := found.get("claims"), list):
+        found = found | {"claims": [each for each in claims if not _is_of_0_1(each)]}
+    return Suite.model_validate(found, context=TOLD)
+
+
+def _is_of_0_1(claim: Any) -> bool:
+    found = claim.get("criteria") if isinstance(claim, dict) else None
+    criteria = found if isinstance(found, list) else []
+    return any(isinstance(each, dict) and "null_agent" not in each for each in criteria)
 
 
 def read_suite(out: Path) -> tuple[Suite, str]:
     """The suite that was run in a folder last, and the command that did it."""
     try:
-        about = read_json(out / SUITE, "suite", "command")
-        return suite_written_down(about["suite"]), about["command"]
+        about = read_as(out / SUITE, _Ran)
+        return suite_written_down(about.suite), about.command
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        raise damaged(out / SUITE, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise damaged(out / SUITE, what_is_wrong(error)) from None
 
 
 def commit_of(out: Path) -> str:

@@ -14,7 +14,7 @@ import yaml
 
 from experiments.errors import ConfigError
 from experiments.options import Parser, add_config, whole
-from experiments.reporting.kept_tables import write_page
+from experiments.reporting.kept_tables import page_of
 from experiments.reporting.pages import MARKDOWN
 from experiments.reporting.tables import Table, number, show
 from experiments.running.process import end_idle_workers
@@ -135,7 +135,7 @@ def write_tables(out: Path, config: TuningConfig) -> list[Table]:
     commits = ", ".join(dict.fromkeys(each["commit"] for each in found))
     kept = out / f"{CHOICES}.json"
     write_json(kept, {"commit": commits, "tables": [table.to_dict() for table in tables]})
-    write_page(kept, out / MARKDOWN)
+    write_whole(out / MARKDOWN, page_of(kept, out.name))
     return tables
 
 

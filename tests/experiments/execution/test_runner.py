@@ -257,7 +257,7 @@ def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, m
     ("text", "what"),
     [
         ('{"suite": {"name": "a", "runs": 3}, "command": "c"}', r"earlier form \(question: Field required\)"),
-        ('{"command": "c"}', r"earlier form \(suite is missing\)"),
+        ('{"command": "c"}', r"earlier form \(suite: Field required\)"),
         ("[]", r"earlier form \(found list; allowed: a mapping\)"),
         ('{"suite"', r"earlier form \(Expecting"),
     ],

@@ -154,6 +154,7 @@ def test_what_is_not_whole_or_of_other_code_is_not_kept(committed, tmp_path, mon
     assert tables.read_text() == "{}"
     run = next((committed / "runs").iterdir())
     shutil.rmtree(run)
+    (committed / "results.parquet").unlink()
     gather(committed)
     refused(f"1 runs are not finished, such as {run.name}")
 
@@ -202,6 +203,17 @@ def test_the_figure_of_a_study_is_kept_with_it(measured, tmp_path):
     with Image.open(folder / "mine.png") as kept:
         assert kept.convert("RGB").getpixel((1, 1)) == (255, 0, 0)
     assert "\n\n![mine](mine.png)\n\n## Rolled" in (folder / "report.md").read_text()
+
+
+def test_one_that_cannot_be_shown_replaces_none(measured, tmp_path):
+    folder = keep_benchmark(measured, tmp_path / "kept")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    found = json.loads(measured.read_text())
+    found["tables"][0]["formats"]["success"] = "q"
+    measured.write_text(json.dumps(found))
+    with pytest.raises(ConfigError, match="Unknown format code 'q'"):
+        keep_benchmark(measured, tmp_path / "kept")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_what_is_no_benchmark_is_refused(measured, tmp_path):

@@ -1,5 +1,6 @@
 """results.parquet holds all that a report is made of."""
 
+import itertools
 import json
 import shutil
 
@@ -130,6 +131,7 @@ def test_what_a_run_says_and_why_one_failed_is_in_the_file(finished):
     _, out = finished
     done, *_ = sorted(out.glob("runs/*/DONE.json"))
     done.unlink()
+    (out / "results.parquet").unlink()
     (done.parent / "FAILED.json").write_text(json.dumps({"exit_code": 1, "log_tail": ["Oh <no>"]}))
     found = read_finished(gather(out), out)
     (suite, command) = read_suite(out)
@@ -163,13 +165,15 @@ def test_files_of_other_code_are_refused(parquet, tmp_path, spoiled, said):
     ("told", "said"),
     [
         ([1], "says list of its suite"),
-        ({"outcomes": 5}, "cannot be read"),
-        ({"versions": {"commit": "=HYPERLINK(1)"}}, r"has version '=HYPERLINK\(1\)' of 'commit'; allowed"),
+        ({"outcomes": 5}, "outcomes: Input should be a valid dictionary"),
+        ({"outcomes": {"run": {}}}, "outcomes.run.privileged: Field required"),
+        ({"failures": {"run": 5}}, "failures.run: Input should be a valid list"),
+        ({"versions": {"commit": "=HYPERLINK(1)"}}, "versions.commit: String should match"),
         ({"arm": {"model": "<mujoco/>", "gripper": "tip"}}, "holds the model of an arm; allowed"),
     ],
 )
 def test_what_a_stranger_says_of_a_suite_is_no_model_and_no_formula(parquet, tmp_path, told, said):
-    about = read_about(parquet)
+    about = read_about(parquet).model_dump()
     if isinstance(told, dict) and "arm" in told:
         about["suite"]["scenarios"][0]["env"] |= told
     else:
@@ -229,8 +233,26 @@ def test_damaged_times_are_refused(parquet, tmp_path, text):
         read_finished(parquet, tmp_path)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '"a"'])
-@pytest.mark.parametrize("name", ["DONE.json", "versions.json", "timings.json", "trials.jsonl"])
+def test_runs_that_only_the_file_holds_are_not_lost(finished, capsys):
+    _, out = finished
+    before = (out / "results.parquet").read_bytes()
+    shutil.rmtree(next(out.glob("runs/*/")))
+    assert main(["report", str(out)]) == 2
+    assert "holds 1 finished run that runs lacks" in capsys.readouterr().err
+    assert (out / "results.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        *itertools.product(["DONE.json", "versions.json", "timings.json", "trials.jsonl"], ["{", "[]", "5"]),
+        ("DONE.json", "{}"),
+        ("timings.json", '{"wall_seconds": "x", "cpu_seconds_a_motion": {}}'),
+        ("trials.jsonl", "[" * 100_000),
+        ("trials.jsonl", '{"motions": 1000000000000}'),
+        ("trials.jsonl", '{"success": "yes"}'),
+    ],
+)
 def test_whatever_is_damaged_in_a_run_is_named(finished, capsys, name, text):
     _, out = finished
     (damaged, *_) = sorted(out.glob(f"runs/*/{name}"))
