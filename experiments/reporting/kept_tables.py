@@ -135,7 +135,7 @@ def read_kept(path: Path) -> tuple[list[Table], list[Table], str]:
         tables, details = (
             [Table.from_dict(table) for table in each] for each in (kept["tables"], kept.get("details", ()))
         )
-        return tables, details, kept["commit"]
+        return tables, details, str(kept["commit"])
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
 
