@@ -102,8 +102,8 @@ def _of_held_out(held: HeldOut, trials: int) -> tuple[_Cells, str]:
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
         "The median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap} motions. {_GOOD}: of the {trials} trials at a checkpoint and of those that follow, as "
-        f"cameras see it.{knock}"
+        f"{held.cap} motions. {_GOOD}: of a checkpoint's {trials} trials and all later ones, as cameras see "
+        f"it.{knock}"
     )
 
 
