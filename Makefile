@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants arms real record perturbed compare docs results results-suites results-tables
+.PHONY: venv lint test test-all mutants soak arms real record perturbed compare docs results results-suites results-tables
 .NOTPARALLEL:
 
 venv: $(STAMP)
@@ -34,6 +34,9 @@ test-all: lint
 
 mutants: venv
 	$(BIN)/python -m tests.mutants --jobs $(JOBS)
+
+soak: venv
+	$(BIN)/python -m tests.soak
 
 # Other people's arms for slow tests and benchmarks, into build/arms.
 arms: venv
