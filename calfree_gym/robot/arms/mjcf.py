@@ -9,6 +9,8 @@ import itertools
 import math
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ _KINDS = {
 """What has files: what a compiled model calls it, and which folder of its compiler the files are in."""
 _TAKES_FROM_OTHERS = re.compile(r"<(include|model|flexcomp)\b")
 """Elements whose files become part of the model's text."""
+_MAY_TAKE = re.compile(r"<\s*(include|model|flexcomp)\b", re.IGNORECASE)
 _FILE = re.compile(r"""\bfile\s*=\s*(?=(["'])([^\0]{1,4096}?)\1)""")
 """What names a file, also in what looks like a comment: in a quote it would be none."""
 
@@ -83,6 +86,7 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
         ValueError: It cannot be compiled.
     """
     _check_circles(TEXT, text, Path())
+    _check_it_ends(TEXT, text)
     spec = mujoco.MjSpec.from_string(text)
     _keep_all(spec)
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
@@ -118,6 +122,7 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
             raise ValueError(f"{path}: there is no such MJCF file")
         what, folder, text = str(path), path.parent, path.read_text(errors="replace")
     _check_circles(what, text, folder)
+    _check_it_ends(what, str(source))
     try:
         if what == TEXT:
             return mujoco.MjSpec.from_string(text), what, folder
@@ -141,6 +146,26 @@ def _check_circles(what: str, text: str, folder: Path) -> None:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         raise ValueError(f"{what} is made of itself: {' names '.join(error.args[1][::-1])}") from None
+
+
+_READS = (
+    "import sys, mujoco; path, text = sys.argv[1], sys.stdin.read();"
+    "mujoco.MjSpec.from_file(path) if path else mujoco.MjSpec.from_string(text)"
+)
+
+
+def _check_it_ends(what: str, source: str) -> None:
+    """Raises ValueError where MuJoCo would crash all the same: a process of its own tries it.
+
+    Only where a model may take something from others: else MuJoCo says what is wrong.
+    """
+    path, text = ("", source) if what == TEXT else (source, Path(source).read_text(errors="replace"))
+    if not _MAY_TAKE.search(text):
+        return
+    command = [sys.executable, "-c", _READS, path]
+    tried = subprocess.run(command, input=text, capture_output=True, text=True, errors="replace")
+    if tried.returncode < 0:
+        raise ValueError(f"{what} crashes MuJoCo, as a model does that is made of itself")
 
 
 def _files(spec: Any) -> Iterator[tuple[Any, str]]:

@@ -150,3 +150,11 @@ def test_a_model_that_is_made_of_itself_is_refused(named, files, monkeypatch):
     for take, source in ((read, arm), (read, arm.read_text()), (compiled, arm.read_text())):
         with pytest.raises(ValueError, match=r"is made of itself: .*hand\.xml names "):
             take(source)
+
+
+@pytest.mark.parametrize("named", ["nothing/../hand.xml", "./" * 2100 + "hand.xml", "ha&#x6e;d.xml"])
+def test_so_is_one_however_the_file_is_spelled(named, files):
+    arm = with_hand(files, "../hand/hand.xml")
+    model(files / "hand/hand.xml", f'< model name="h" file="{named}"/>', '<geom size="1"/>')
+    with pytest.raises(ValueError, match=r"crashes MuJoCo, as a model does that is made of itself"):
+        read(arm)
