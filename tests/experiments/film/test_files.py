@@ -7,8 +7,7 @@ from PIL import Image
 
 from calfree_gym.engine.frames import GRIPPER_COLOUR
 from experiments.errors import ConfigError
-from experiments.film.files import FilmFiles
-from experiments.film.pictures import WIDTH, Moment, chosen, frame_strip, moment
+from experiments.film.pictures import WIDTH, FilmFiles, Moment, chosen, frame_strip, moment
 
 SIZE = (120, 90)
 
@@ -125,7 +124,7 @@ def test_a_film_with_frames_missing_is_refused(tmp_path):
 
 
 def test_a_missing_codec_is_told_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.film.files.CODEC", "????")
+    monkeypatch.setattr("experiments.film.pictures.CODEC", "????")
     with pytest.raises(ConfigError, match=r"cannot write it here.*opencv-python-headless"):
         make(files_in(tmp_path), 1)
     assert not list(tmp_path.iterdir())
