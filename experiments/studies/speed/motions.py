@@ -33,7 +33,7 @@ from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.simulation import SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
-from experiments.studies.common import REACH, arms_of_tests
+from experiments.studies.common import GRASP, REACH, arms_of_tests
 
 Timer = Callable[[], float]
 """Does something once, and tells the seconds that one unit of it took."""
@@ -106,7 +106,6 @@ def pinned(cores: int) -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-GRASP = "calfree_gym:CalFree/Grasp-v0"
 FREE, HELD = "jaws free", "object held"
 WORDS = {FREE: 0.1, HELD: 0.03}
 """The largest words: what is held is carried about, and not pressed on the table."""
