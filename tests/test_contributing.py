@@ -1,15 +1,15 @@
 """The recipes of CONTRIBUTING.md, followed word for word in a copy of the repository."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+
+from tests import test_wheel
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
@@ -37,10 +37,7 @@ BEGINNING = re.compile(r"^(?:New file|In|Try it)\b", re.MULTILINE)
 
 
 def run(*command, cwd):
-    environment = os.environ | {"PYTHONPATH": str(cwd)}
-    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return test_wheel.run(*command, cwd=cwd, PYTHONPATH=str(cwd))
 
 
 def follow(recipe, folder):
