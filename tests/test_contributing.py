@@ -5,14 +5,13 @@ import shlex
 import shutil
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 
 from tests import test_wheel
+from tests.test_wheel import REPOSITORY
 
-ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+TEXT = (REPOSITORY / "CONTRIBUTING.md").read_text()
 COPIED = (
     "calfree_gym",
     "agents",
@@ -82,7 +81,7 @@ def inserted(text, step):
 @pytest.fixture
 def copy(tmp_path):
     for name in COPIED:
-        source = ROOT / name
+        source = REPOSITORY / name
         if source.is_dir():
             shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
         else:

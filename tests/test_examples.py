@@ -4,7 +4,6 @@ import json
 import pydoc
 import re
 import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,15 +16,14 @@ from stable_baselines3.common.utils import LinearSchedule
 from torch.nn.utils import parameters_to_vector
 
 from tests.calfree_gym.environments import example
-from tests.test_wheel import run
+from tests.test_wheel import REPOSITORY, run
 
-ROOT = Path(__file__).parents[1]
-EXAMPLES = ROOT / "examples"
+EXAMPLES = REPOSITORY / "examples"
 
 
 def output(script, *arguments):
     """What a script prints."""
-    return run(sys.executable, str(EXAMPLES / script), *arguments, PYTHONPATH=str(ROOT))
+    return run(sys.executable, str(EXAMPLES / script), *arguments, PYTHONPATH=str(REPOSITORY))
 
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])
