@@ -1,18 +1,17 @@
 """The recipes of CONTRIBUTING.md, followed word for word in a copy of the repository."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+from tests import test_wheel
+from tests.test_wheel import REPOSITORY
+
+TEXT = (REPOSITORY / "CONTRIBUTING.md").read_text()
 COPIED = (
     "calfree_gym",
     "agents",
@@ -37,10 +36,7 @@ BEGINNING = re.compile(r"^(?:New file|In|Try it)\b", re.MULTILINE)
 
 
 def run(*command, cwd):
-    environment = os.environ | {"PYTHONPATH": str(cwd)}
-    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return test_wheel.run(*command, cwd=cwd, PYTHONPATH=str(cwd))
 
 
 def follow(recipe, folder):
@@ -85,7 +81,7 @@ def inserted(text, step):
 @pytest.fixture
 def copy(tmp_path):
     for name in COPIED:
-        source = ROOT / name
+        source = REPOSITORY / name
         if source.is_dir():
             shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
         else:

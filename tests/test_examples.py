@@ -1,13 +1,9 @@
 """The examples run as they are told to, and do what they say."""
 
-import importlib.util
 import json
-import os
 import pydoc
 import re
-import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,15 +15,15 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.utils import LinearSchedule
 from torch.nn.utils import parameters_to_vector
 
-ROOT = Path(__file__).parents[1]
-EXAMPLES = ROOT / "examples"
+from tests.calfree_gym.environments import example
+from tests.test_wheel import REPOSITORY, run
+
+EXAMPLES = REPOSITORY / "examples"
 
 
 def output(script, *arguments):
     """What a script prints."""
-    command = [sys.executable, str(EXAMPLES / script), *arguments]
-    paths = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, env=paths, stdout=subprocess.PIPE, text=True, check=True).stdout
+    return run(sys.executable, str(EXAMPLES / script), *arguments, PYTHONPATH=str(REPOSITORY))
 
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])
@@ -57,9 +53,7 @@ def test_learners_learn(script):
 
 def test_advantages_are_the_returns_of_each_trial(monkeypatch):
     """Where lambda is 1: against returns that are summed forwards until a trial or the rollout ends."""
-    spec = importlib.util.spec_from_file_location("ppo_cleanrl", EXAMPLES / "ppo_cleanrl.py")
-    ppo = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(ppo)
+    ppo = example("ppo_cleanrl")
     monkeypatch.setattr(ppo, "GAE_LAMBDA", 1.0)
     rng, steps, envs = np.random.default_rng(0), 40, 6
     values, rewards = rng.normal(size=(steps + 1, envs)), rng.normal(size=(steps, envs))

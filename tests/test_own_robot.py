@@ -1,9 +1,7 @@
 """The environment for a robot of one's own, `examples/own_robot.py`: what it asks of her functions."""
 
-import importlib.util
 import re
 import threading
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -11,13 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from calfree_gym.picture_reach import LostMarkError
+from tests.calfree_gym.environments import example
 from tests.test_examples import output
 
-spec = importlib.util.spec_from_file_location(
-    "own_robot", Path(__file__).parents[1] / "examples" / "own_robot.py"
-)
-own_robot = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(own_robot)
+own_robot = example("own_robot")
 DARK = np.zeros((48, 64, 3), np.uint8)
 
 

@@ -97,7 +97,7 @@ for name in agents.names():
 """
 
 
-def run(*command, cwd, **variables):
+def run(*command, cwd=None, **variables):
     environment = os.environ | variables
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

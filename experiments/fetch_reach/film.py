@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,20 @@ from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
 import agents
-from calfree_gym import Perturb
+from calfree_gym.perturb import paired
 from experiments.errors import ConfigError
-from experiments.fetch_reach.environment import (
+from experiments.fetch_reach.policies import (
     CAMERA,
     GRIPPER,
     GRIPPER_AT_HOME,
     SUCCESS,
+    Calibrated,
     aim,
     draw_goal,
     fetch,
     points_of,
+    succeeded,
 )
-from experiments.fetch_reach.policies import Calibrated
 from experiments.options import Parser
 from experiments.running.results_folder import made_folder
 
@@ -93,18 +94,6 @@ class _FilmedFetch(gym.Wrapper[Any, Any, Any, Any]):
         self.frames.append((picture, float(np.linalg.norm(made.data.site(GRIPPER).xpos - made.goal))))
 
 
-class _SeededEpisodes(gym.Wrapper[Any, Any, Any, Any]):
-    """Resets episode k with the seed k."""
-
-    begun = 0
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        self.begun += 1
-        return self.env.reset(seed=self.begun - 1, options=options)
-
-
 def add_film_knocked(parser: Parser) -> None:
     """Films FetchReach."""
     parser.add_argument("--out", type=Path, required=True, help="file.gif")
@@ -135,19 +124,26 @@ def _film(options: argparse.Namespace) -> int:
 
 def _lived(name: str) -> list[tuple[Image, float]]:
     """The frames of the episode that is shown, as one policy lives through it."""
-    knocked = Perturb(fetch(), aim(DEGREES, KNOCKED), seed=0, images={CAMERA: None}, per="episode")
-    filmed = _FilmedFetch(knocked)
-    with closing(_SeededEpisodes(points_of(filmed))) as env:
-        if name == SERVO:
-            agents.make(name, env).learn(10**6, lambda *_: env.begun <= EPISODE + 1)
-        else:
-            policy = Calibrated()
-            for _ in range(EPISODE + 1):
-                (observation, _), over = env.reset(), False
-                while not over:
-                    observation, _, terminated, truncated, _ = env.step(policy(observation))
-                    over = terminated or truncated
-    return filmed.frames
+    filmed: list[_FilmedFetch] = []
+
+    def sees(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+        filmed.append(_FilmedFetch(env))
+        return points_of(filmed[0])
+
+    learns = name == SERVO
+    paired(
+        fetch,
+        partial(agents.make, name) if learns else Calibrated(),
+        {name: aim(DEGREES, KNOCKED)},
+        episodes=EPISODE + 1,
+        learns=learns,
+        success=succeeded,
+        wrap=sees,
+        images={CAMERA: None},
+        per="episode",
+    )
+    filmed[0].close()
+    return filmed[0].frames
 
 
 def _panel(frame: Image, off: float, name: str, step: int, last: bool) -> Image:

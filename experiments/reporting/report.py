@@ -79,12 +79,7 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
 def films_in(out: Path) -> list[Path]:
     """Films of an agent at work in a results folder; what only has the name of one is none."""
     found = [path for name in FILMS if (path := out / name).is_file() and not path.is_symlink()]
-    return [path for path in found if _begins_with(path) in (b"GIF8", b"\x89PNG")]
-
-
-def _begins_with(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(4)
+    return [path for path in found if path.read_bytes()[:4] in (b"GIF8", b"\x89PNG")]
 
 
 def _drawn(finished: FinishedSuite, held: HeldOut) -> dict[str, Drawing]:

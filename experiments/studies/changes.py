@@ -128,9 +128,15 @@ def _trials(first: int, last: int) -> str:
 def _lifetime(
     mount: str, policy: str, schedule: list[dict[str, Any]], trials: int, seed: int
 ) -> list[TrialRecord]:
-    env = gym.make(REACH, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
-    recorder = LifetimeRecorder(env, seed)
-    return learn_trials(agents.make("memory", recorder, on_change=policy), recorder, trials)
+    agent, recorder = begun(mount, seed, perturbations=schedule)
+    agent.adaptation.on_change = policy
+    return learn_trials(agent, recorder, trials)
+
+
+def begun(mount: str, seed: int, **arguments: Any) -> tuple[Any, LifetimeRecorder]:
+    """A `memory` that knows nothing, and its lifetime."""
+    recorder = LifetimeRecorder(gym.make(REACH, camera_mount=mount, dynamics="kinematic", **arguments), seed)
+    return agents.make("memory", recorder), recorder
 
 
 def false_alarms(each: Map, trials: int = 150) -> Table:
@@ -155,8 +161,7 @@ def false_alarms(each: Map, trials: int = 150) -> Table:
 
 
 def _alarms(mount: str, trials: int, seed: int) -> int:
-    recorder = LifetimeRecorder(gym.make(REACH, camera_mount=mount, dynamics="kinematic"), seed)
-    agent: Any = agents.make("memory", recorder)
+    agent, recorder = begun(mount, seed)
     learn_trials(agent, recorder, trials)
     return len(agent.adaptation.events)
 

@@ -17,6 +17,7 @@ import calfree_gym
 from calfree_gym.geometry import Array
 
 REACH = calfree_gym.ENV_IDS[0]
+DENSE, GRASP = "calfree_gym:CalFree/ReachDense-v0", "calfree_gym:CalFree/Grasp-v0"
 CAP = gym.spec(REACH).max_episode_steps or 0
 """Motions as which a trial without a rendezvous counts."""
 

@@ -16,24 +16,22 @@ from matplotlib.figure import Figure
 
 import agents
 from calfree_gym.perturb import paired
-from experiments.fetch_reach.environment import (
+from experiments.fetch_reach.policies import (
     CAMERA,
+    DEMONSTRATED,
     FOVY,
     MIDDLE,
     NOISE_PX,
     SCHEDULES,
-    SUCCESS,
-    fetch,
-    points_of,
-    succeeded,
-)
-from experiments.fetch_reach.policies import (
-    DEMONSTRATED,
     SIZE,
+    SUCCESS,
     Calibrated,
     Cloned,
     ClonedFromImages,
+    fetch,
     images_of,
+    points_of,
+    succeeded,
 )
 from experiments.reporting.tables import Table
 

@@ -18,9 +18,8 @@ from calfree_gym.robot.grasping.held import PITCHES, ROLLS, HeldSimulation, draw
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.reporting.tables import Table, beside
 from experiments.statistics import mean_share
-from experiments.studies.common import first_trial
+from experiments.studies.common import GRASP, first_trial
 
-GRASP = "calfree_gym:CalFree/Grasp-v0"
 FIRST_WORLD, WORLDS = 40_000, 50
 """Wild worlds that nobody tuned on."""
 ASKED_OF = 0.90

@@ -16,9 +16,8 @@ from calfree_gym.sb3 import make_sb3_env
 from calfree_gym.wrappers import ScaledWords
 from experiments.evaluation import evaluate
 from experiments.reporting.tables import Table
-from experiments.studies.common import CAP, side_by_side
+from experiments.studies.common import CAP, DENSE, side_by_side
 
-DENSE = "calfree_gym:CalFree/ReachDense-v0"
 WORLD: dict[str, Any] = {
     "world": "nominal",
     "camera_mount": "stand",

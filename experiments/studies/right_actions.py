@@ -8,20 +8,18 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import agents
 import calfree_gym
 from calfree_gym.image import CAMERAS
 from calfree_gym.world import World
 from experiments.reporting.tables import Table, beside
-from experiments.running.lifetime import LifetimeRecorder, learn_trials
+from experiments.running.lifetime import learn_trials
 from experiments.statistics import mean_share
-from experiments.studies.changes import KINDS, PAN, WORLDS
-from experiments.studies.common import CAP, REACH, Map, side_by_side
+from experiments.studies.changes import KINDS, PAN, WORLDS, begun
+from experiments.studies.common import CAP, Map, side_by_side
 
 OF_THE_ARM = ("joint_zero", "link_length", "motor_gain", "motor_sign")
 EVERY = ("none", "drift", *KINDS, "arm changed")
@@ -73,9 +71,8 @@ def right_actions(each: Map) -> Table:
 def _branches(mount: str, seed: int) -> list[tuple[str, list[int], str]]:
     """What was done to the world, motions of all ways, and what the change was recognised as."""
     states: dict[int, dict[str, NDArray[Any]]] = {}
-    env: Any = gym.make(REACH, camera_mount=mount, dynamics="kinematic")
-    recorder = LifetimeRecorder(env, seed)
-    agent: Any = agents.make("memory", recorder)
+    agent, recorder = begun(mount, seed)
+    env: Any = recorder.unwrapped
 
     def keep_state() -> None:
         if recorder.trials in BRANCHES:
@@ -89,7 +86,7 @@ def _branches(mount: str, seed: int) -> list[tuple[str, list[int], str]]:
         schedule = _at_once(kind, camera, of_the_arm)
         changed = np.array([camera == each or kind == "arm changed" for each in CAMERAS])
         ways = [
-            _go(env.unwrapped.world, mount, schedule, 1000 * seed + trial, states[trial], way, announced)
+            _go(env.world, mount, schedule, 1000 * seed + trial, states[trial], way, announced)
             for way in WAYS
             for announced in [changed if way in ("map", "discard") else None]
         ]
@@ -120,9 +117,7 @@ def _go(
 
     The cameras (2,) are those whose change is announced to it; None where it must recognise the change.
     """
-    env = gym.make(REACH, world=world, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
-    recorder = LifetimeRecorder(env, seed)
-    agent: Any = agents.make("memory", recorder)
+    agent, recorder = begun(mount, seed, world=world, perturbations=schedule)
     agent.restore(state)
     agent.adaptation.on_change = way
     known = len(agent.adaptation.events)

@@ -29,9 +29,8 @@ from experiments.reporting.figures import (
     say,
 )
 from experiments.reporting.tables import Table
-from experiments.studies.common import CAP, side_by_side
+from experiments.studies.common import CAP, DENSE, side_by_side
 
-DENSE = "calfree_gym:CalFree/ReachDense-v0"
 WORLDS: dict[str, Any] = {"world": "wild", "dynamics": "kinematic", "redraw": "trial"}
 POOL, ROWS = 64, 64
 LEARNERS = "ppo", "recurrent_ppo"
@@ -104,16 +103,12 @@ def _curve(which: tuple[str, int], minutes: Sequence[float], trials: int) -> lis
     spent, rows = 0.0, []
     for until in minutes:
         since = time.process_time()
-        left = 60 * until - spent
-        learner.learn(10**9, callback=partial(_goes_on, end=since + left))
+        end = since + 60 * until - spent
+        learner.learn(10**9, callback=lambda *_, end=end: time.process_time() < end)
         spent += time.process_time() - since
         rows.append(_row(f"{name}, run {run + 1}", until, learner.num_timesteps, learner, trials))
     envs.close()
     return rows
-
-
-def _goes_on(_: Any, end: float) -> bool:
-    return time.process_time() < end
 
 
 def _untrained(name: str) -> Predictor:

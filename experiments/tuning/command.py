@@ -45,19 +45,10 @@ def add_tune(parser: Parser) -> None:
 
 
 def _tune(options: argparse.Namespace) -> int:
-    config = load_tuning(options.config, options.set)
-    return 1 if tune(config, options.out, options.agent, options.jobs, options.write) else 0
-
-
-def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
-    """Tunes agents, all or those named, and writes what came of it; returns those whose tuning failed.
-
-    What stands in the folder is gone on with. So many agents are tuned at a time; the tries of one follow
-    each other, as each learns from those before it. With `write`, settings that beat the default ones go into
-    configs/agents.
-    """
+    """Goes on with what stands in the folder; the tries of an agent follow each other, as each learns."""
+    config, out = load_tuning(options.config, options.set), options.out
     try:
-        agents = config.only(names).agents if names else config.agents
+        agents = config.only(options.agent).agents if options.agent else config.agents
     except ValueError as error:
         raise ConfigError(f"--agent: {error}") from None
     refuse_links(out / STUDIES)
@@ -66,7 +57,7 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
         made_by = {**versions(("experiments/tuning",)), "optuna": optuna.__version__}
         lifetimes, by = Lifetimes(made_by), commit()
         tuners = [Tuner(config, each, out / STUDIES, lifetimes.make, made_by, by, _say) for each in agents]
-        pool = ThreadPoolExecutor(jobs)
+        pool = ThreadPoolExecutor(options.jobs)
         tuned = [pool.submit(_tuned, tuner, out) for tuner in tuners]
         try:
             found = [each.result() for each in tuned]
@@ -79,8 +70,8 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
         show(write_tables(out, config))
     for each in found:
         if each and each["choice"] == "tuned":
-            _offer(each, write)
-    return [agent.name for agent, each in zip(agents, found, strict=True) if each is None]
+            _offer(each, options.write)
+    return int(None in found)
 
 
 def _tuned(tuner: Tuner, out: Path) -> dict[str, Any] | None:

@@ -65,7 +65,8 @@ class Study:
         self._defaults, self._choices, self._seed = agent.defaults(), agent.choices, seed
         self._distributions: dict[str, BaseDistribution] = {
             **{name: _numbers(found) for name, found in agent.ranges.items()},
-            **{name: CategoricalDistribution(_texts(found)) for name, found in agent.choices.items()},
+            # as JSON: Optuna keeps texts and numbers only
+            **{name: CategoricalDistribution([*map(json.dumps, of)]) for name, of in agent.choices.items()},
         }
         self._study = optuna.create_study(pruner=optuna.pruners.MedianPruner())
         texts = {name: json.dumps(self._defaults[name]) for name in self._choices}
@@ -113,11 +114,6 @@ def _numbers(found: RangeConfig) -> BaseDistribution:
     if found.whole:
         return IntDistribution(int(found.low), int(found.high), log=found.log)
     return FloatDistribution(float(found.low), float(found.high), log=found.log)
-
-
-def _texts(choices: list[Any]) -> list[str]:
-    """Choices as JSON, as Optuna keeps texts and numbers only."""
-    return [json.dumps(choice) for choice in choices]
 
 
 class LostError(Exception):
@@ -281,8 +277,8 @@ class Tuner:
         trial, settings = self._study.begin()
         if earlier := self._study.earlier(settings):
             found = Try(settings, "repeated", earlier.objective, earlier.worlds, 0.0, earlier.error)
-            for world, mean in enumerate(_means(earlier.worlds), start=1):
-                trial.report(mean, world)
+            for world in range(1, len(earlier.worlds) + 1):
+                trial.report(float(np.mean(earlier.worlds[:world])), world)
         else:
             found = self._tried(settings, left, trial)
             if found.state == "failed" and k == 0:
@@ -353,8 +349,3 @@ class Tuner:
         lived = [self._life(run, math.inf) for run in runs]
         values = [self._worst if each.value is None else each.value for each in lived]
         return {"worlds": values, "cpu_seconds": sum(each.cpu_seconds for each in lived)}
-
-
-def _means(worlds: tuple[float, ...]) -> list[float]:
-    """The mean over the first worlds, for each number of them."""
-    return [float(each) for each in np.cumsum(worlds) / np.arange(1, len(worlds) + 1)]

@@ -1,7 +1,12 @@
 """Environments of all tasks; what they show, and that it is the same, bit by bit."""
 
+import importlib.util
+import warnings
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils.env_checker import check_env
 
 from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
@@ -27,6 +32,25 @@ def make(task="Reach", rows=None, **arguments):
 def kinematic(rows=None, **arguments):
     """The same of Reach, in which arms are placed and not moved by physics."""
     return make("Reach", rows, dynamics="kinematic", **arguments)
+
+
+def example(name):
+    """The module of an example."""
+    file = Path(__file__).parents[2] / "examples" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def assert_checkers_pass(make):
+    """That Gymnasium's and SB3's checkers pass without a warning what is made."""
+    from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make().unwrapped, skip_render_check=True)
+        sb3_check_env(make().unwrapped)
 
 
 def begun(env, seed=0, **options):

@@ -60,9 +60,9 @@ def write_config(tmp_path: Path) -> Callable[[Any], Path]:
 
 @pytest.fixture
 def refused(write_config: Callable[[Any], Path]) -> Callable[..., str]:
-    """Says what is wrong with a suite, given as data or text."""
+    """Says what is wrong with a suite, or what else is loaded, given as data or text."""
 
-    def refused(data: Any, *overrides: str) -> str:
+    def refused(data: Any, *overrides: str, load: Callable[..., Any] = load) -> str:
         with pytest.raises(ConfigError) as error:
             load(write_config(data), overrides)
         return str(error.value)

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
+import subprocess
+import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import cache
 from importlib.metadata import version
 from itertools import chain
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.figure import Figure
 
+from calfree_gym.robot.simulation import SUBSTEPS
+from calfree_gym.sb3 import make_sb3_env
+from experiments.errors import ConfigError
 from experiments.reporting.figures import STYLE, LineEnd, label_lines, say
 from experiments.reporting.tables import Table
-from experiments.studies.speed.motions import Line, by_rows, ratios, written
-from experiments.studies.speed.peers import Peer, beside
-from experiments.studies.speed.waits import lines
+from experiments.studies.speed import peer_worker
+from experiments.studies.speed.motions import (
+    Line,
+    bare_model,
+    by_rows,
+    in_turns,
+    lines,
+    pinned,
+    ratios,
+    stepping,
+    timer,
+    written,
+)
+from experiments.studies.speed.peer_worker import SHARE, reached_by_ppo
 
 ROUNDS = 60
 PACKAGES = "mujoco", "gymnasium", "numpy", "stable-baselines3", "torch"
@@ -68,3 +87,127 @@ def figure(found: Sequence[Table]) -> Figure:
         say(drawn, "Motions a second, all arms together", "The nominal world, points, truth=False.")
         label_lines(axes, ends, 10)
     return drawn
+
+
+# -- Other environments under other interpreters, timed in turns with ours
+
+WORKER = Path(peer_worker.__file__)
+WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic"}
+"""In which PPO learns to reach."""
+
+
+def beside(peer: Peer, rounds: int) -> Iterator[Line]:
+    """One arm of ours and one of the peer's: a step, a simulated second, and PPO until it reaches."""
+    ours = timer(stepping(1, 50), 50)
+    with pinned(1):
+        line = in_turns(f"a step of one arm / {peer.env_id}", ours, lambda: peer.seconds(50) / 50, rounds)
+        yield line
+        if peer.substeps and peer.timestep:
+            mine, others = SUBSTEPS * float(bare_model().opt.timestep), peer.substeps * peer.timestep
+            yield Line(
+                f"a simulated second of one arm / {peer.env_id}",
+                line.seconds / mine,
+                (line.beside or 0) / others,
+                (line.ratio or 0) * mine / others,
+            )
+        if other := peer.reached_by_ppo():
+            own = _reached_by_our_ppo()
+            mine_is, theirs_is = f"64 kinematic rows{_given_up(own)}", f"{peer.env_id}{_given_up(other)}"
+            yield Line(
+                f"PPO until {SHARE:.0%} of trials reach, {mine_is} / {theirs_is}",
+                own["seconds"],
+                other["seconds"],
+                other["seconds"] / own["seconds"],
+            )
+
+
+@cache
+def _reached_by_our_ppo() -> dict[str, Any]:
+    return reached_by_ppo(make_sb3_env(seed=0, **WORLD))
+
+
+def _given_up(found: dict[str, Any]) -> str:
+    return "" if found["reached"] else f" (not in {found['motions']:,} motions)"
+
+
+class Peer:
+    """An environment in a process of its own, which steps only while it is being timed.
+
+    "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" included. Substeps of a step,
+    and their seconds, are None where they are not known.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self._spec = spec
+        python, _, self.env_id = spec.rpartition("=")
+        if not (python and self.env_id):
+            raise ConfigError(f"--peer {spec}: found no PYTHON=ENV_ID; allowed: such as python3=CartPole-v1")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (as long as the process; a pipe would fill up)
+        try:
+            self._process = subprocess.Popen(
+                [python, "-c", WORKER.read_text(encoding="utf-8"), self.env_id],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._said,
+                env={**os.environ, "OMP_NUM_THREADS": "1"},
+                text=True,
+            )
+        except OSError as error:
+            self._said.close()
+            raise ConfigError(f"--peer {spec}: {python} cannot be run: {error.strerror}") from None
+        try:
+            about = self._answer()
+        except ConfigError:
+            self.close()
+            raise
+        self.substeps: int | None = about["substeps"]
+        self.timestep: float | None = about["timestep"]
+        self.versions: dict[str, str] = about["versions"]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.communicate()
+        self._said.close()
+
+    def seconds(self, steps: int) -> float:
+        """Makes this many environment steps; returns the seconds that they took."""
+        return float(self._asked(str(steps))["seconds"])
+
+    def reached_by_ppo(self) -> dict[str, Any]:
+        """What `peer_worker.reached_by_ppo` returns."""
+        found: dict[str, Any] = self._asked("ppo")
+        return found
+
+    def _asked(self, line: str) -> Any:
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # no answer then says why
+            self._process.stdin.write(f"{line}\n")
+            self._process.stdin.flush()
+        return self._answer()
+
+    def _answer(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        answer: Any = None
+        with suppress(ValueError):
+            answer = json.loads(line)
+        if not isinstance(answer, dict):
+            raise ConfigError(f"--peer {self._spec}: {self._last_words(line)}")
+        if "error" in answer:
+            raise ConfigError(f"--peer {self._spec}: {answer['error']}")
+        return answer
+
+    def _last_words(self, line: str) -> str:
+        if line:
+            return f"answered {line.strip()!r}; PYTHON must be a Python with gymnasium"
+        code = self._process.wait()
+        self._said.seek(0)
+        said = self._said.read().decode(errors="replace").strip().splitlines()
+        return f"it ended with code {code}" + (f": {said[-1]}" if said else "")

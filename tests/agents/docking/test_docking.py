@@ -7,6 +7,7 @@ import pytest
 import agents
 from agents.docking.servo import DockingTrial
 from tests.agents.docking.robot import Robot
+from tests.agents.trials import carry_out
 
 
 def live(name, robot, count):
@@ -44,28 +45,19 @@ def test_a_jacobian_servo_docks_on_omnidirectional_wheels_and_stops_beside_the_d
 
 
 def before_the_dock(robot):
-    """A trial that begins 1 m before the dock, and what executes its motions: returns and words sent."""
+    """A trial that begins 1 m before the dock, and what carries motions out: words sent, and the value."""
     agent = agents.make("commuting_servo", robot)
     robot.reset()
     robot.pose = np.array([-1.0, 0.0, 0.0])
     trial = DockingTrial(agent.observed(robot.look()), agent.new_findings())
 
-    def made(motions):
-        sent, observed = [], None
-        while True:
-            try:
-                sent.append(motions.send(observed))
-            except StopIteration as ended:
-                return ended.value, sent
-            observed = agent.observed(robot.step(sent[-1])[0])
-
-    return trial, made
+    return trial, lambda motions: carry_out(motions, lambda words: agent.observed(robot.step(words)[0]))
 
 
 def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
     robot = Robot(22)
     trial, made = before_the_dock(robot)
-    trial.find_ways(made(trial.test())[0])
+    trial.find_ways(made(trial.test())[1])
     before = robot.pose
     for words in trial.commutator(20.0):
         robot.step(words)
@@ -78,7 +70,7 @@ def test_marks_that_are_lost_are_looked_for_where_the_robot_came_from():
     robot = Robot(23)
     trial, made = before_the_dock(robot)
     away = np.linalg.lstsq(robot.wheels, [0, 0, 2.0], rcond=None)[0]
-    seen, sent = made(trial.drive([away, away]))
+    sent, seen = made(trial.drive([away, away]))
     assert not seen
     np.testing.assert_allclose(sent, [away, away, -away, -away])
     np.testing.assert_allclose(robot.pose, [-1, 0, 0], atol=1e-9)

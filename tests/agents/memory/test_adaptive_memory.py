@@ -186,18 +186,19 @@ def test_a_camera_that_does_not_show_home_tells_of_no_change():
         assert (adaptation.known_for(home) is not None) == knows
 
 
-def test_changes_that_do_not_outlast_their_trial_leave_what_is_known_right():
-    """A camera is knocked in the middle of every trial, each time another way, and set right after it."""
+@pytest.mark.parametrize(("first", "last", "jumped", "least"), [(4, 9, 4, 4 * 5 + 5 * 2), (8, 11, 1, 0)])
+def test_changes_that_do_not_outlast_their_trial_leave_what_is_known_right(first, last, jumped, least):
+    """A camera is knocked in every trial, in its middle or at once, each time another way, and set right."""
     world, rng = wild(4112), np.random.default_rng(0)
-    memory = AdaptiveMemory(known(world, 4))
-    for number in range(4, 9):
+    memory = AdaptiveMemory(known(world, first))
+    for number in range(first, last):
         knocked = CameraAim(camera="left", degrees=10, direction=rng.uniform(-180, 180)).apply(world, rng)
-        earlier, later = looks_of(trial(world, number)), looks_of(trial(knocked, number, places=8))
-        memory.learn([*earlier[:4], *later[4:]], 0.5, jumped=4)
+        earlier, later = looks_of(trial(world, number)), looks_of(trial(knocked, number, places=4 + jumped))
+        memory.learn([*earlier[:jumped], *later[jumped:]], 0.5, jumped=jumped)
     seen = trial(world, 300, places=9)
     now_known = memory.known_for(looks_of(seen)[0])
     assert np.median(now_known.errors(seen)[0]) < 2
-    assert len(now_known.gripper) > 4 * 5 + 5 * 2
+    assert len(now_known.gripper) > least
 
 
 @pytest.mark.parametrize("motion", [69, 70, 71])
@@ -209,17 +210,6 @@ def test_an_arm_that_changed_in_mid_trial_is_not_taken_for_the_old_one_where_hom
     env = make_env(world="wild", perturbations=reverse, terminate_on_success=False, max_episode_steps=4)
     agent, _ = live("memory", env, 640000, motions=4 * 22)
     assert [event.trial for event in agent.adaptation.events] == [(motion + 1) // 4]
-
-
-def test_a_camera_knocked_at_once_in_every_trial_is_not_taken_for_the_arm():
-    world, rng = wild(4112), np.random.default_rng(0)
-    memory = AdaptiveMemory(known(world, 8))
-    for number in range(8, 11):
-        knocked = CameraAim(camera="left", degrees=10, direction=rng.uniform(-180, 180)).apply(world, rng)
-        earlier, later = looks_of(trial(world, number)), looks_of(trial(knocked, number))
-        memory.learn([*earlier[:1], *later[1:]], 0.5, jumped=1)
-    seen = trial(world, 300, places=9)
-    assert np.median(memory.known_for(looks_of(seen)[0]).errors(seen)[0]) < 2
 
 
 def test_a_servo_tells_memory_since_when_a_camera_has_been_elsewhere(make_env, monkeypatch):

@@ -24,21 +24,17 @@ def name(request):
     return request.param
 
 
-def test_it_reaches_in_worlds_that_it_never_saw_and_remembers(name, mount, live):
+def test_it_reaches_in_worlds_that_it_never_saw_and_remembers(name, mount, live, make_env):
     settings = {"camera_mount": mount} if name == "simulation_prior" else {}
-    lives = [live(name, make_reach(mount), UNSEEN + i, 10, **settings)[1] for i in (0, 1)]
+    lives = [live(name, make_env(mount), UNSEEN + i, 10, **settings)[1] for i in (0, 1)]
     assert np.max(lives) < 60
     motions = np.mean(lives, 0)
     assert motions[5:].mean() < motions[0] / 2
 
 
-def make_reach(mount="waist", **options):
-    return gym.make("CalFree/Reach-v0", camera_mount=mount, world="wild", dynamics="kinematic", **options)
-
-
-def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live):
+def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live, make_env):
     aimed = [{"at": {"trial": 6}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}]
-    agent, _ = live(name, make_reach(perturbations=aimed), UNSEEN, trials=7)
+    agent, _ = live(name, make_env(perturbations=aimed), UNSEEN, trials=7)
     left, right = (np.isfinite(agent.looks.points[:, 0, side]).all(1) for side in (slice(2), slice(2, 4)))
     forgotten = int(left.argmax())
     assert forgotten >= 12, "six trials: at home, and after a motion at least"
@@ -53,17 +49,17 @@ def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live
         *[("point_noise", "px", 2.0), ("latency", "motions", 1)],
     ],
 )
-def test_points_that_are_hidden_mistaken_noisy_or_late(name, trouble, setting, value, live):
+def test_points_that_are_hidden_mistaken_noisy_or_late(name, trouble, setting, value, live, make_env):
     trouble = [{"at": {"trial": 0}, "do": {"type": trouble, setting: value}}]
-    env = make_reach(perturbations=trouble, max_episode_steps=100)
+    env = make_env(perturbations=trouble, max_episode_steps=100)
     agent, counts = live(name, env, UNSEEN, trials=4)
     assert np.median(counts) < 30
     assert all(np.isfinite(array).all() for array in agent.images.arrays().values())
 
 
-def test_a_reversed_motor_makes_it_forget_and_it_reaches_again(live):
+def test_a_reversed_motor_makes_it_forget_and_it_reaches_again(live, make_env):
     reversed_ = [{"at": {"trial": 40}, "do": {"type": "motor_sign", "motor": "elbow"}}]
-    agent, counts = live("polynomial", make_reach(perturbations=reversed_), 80_021, trials=44)
+    agent, counts = live("polynomial", make_env(perturbations=reversed_), 80_021, trials=44)
     assert len(agent.looks) < sum(counts[40:]) + 10, "those of trials before are forgotten"
     assert max(counts) < 60
 
@@ -75,25 +71,25 @@ def test_polynomials_reach_with_other_arms(arm, live):
     assert np.median(counts) < 60
 
 
-def test_another_mount_or_prior_is_refused(tmp_path):
+def test_another_mount_or_prior_is_refused(tmp_path, make_env):
     with pytest.raises(FileNotFoundError, match="no such file"):
-        agents.make("simulation_prior", make_reach(), prior=str(tmp_path / "nowhere.npz"))
-    agents.make("polynomial", make_reach()).save(tmp_path / "other.npz")
+        agents.make("simulation_prior", make_env(), prior=str(tmp_path / "nowhere.npz"))
+    agents.make("polynomial", make_env()).save(tmp_path / "other.npz")
     with pytest.raises(ValueError, match=r"holds Polynomial\(\)"):
-        agents.make("simulation_prior", make_reach(), prior=str(tmp_path / "other.npz"))
-    agents.make("simulation_prior", make_reach("stand"), camera_mount="stand").save(tmp_path / "stand.npz")
+        agents.make("simulation_prior", make_env(), prior=str(tmp_path / "other.npz"))
+    agents.make("simulation_prior", make_env("stand"), camera_mount="stand").save(tmp_path / "stand.npz")
     with pytest.raises(ValueError, match="camera_mount='stand'"):
-        agents.make("simulation_prior", make_reach()).load(tmp_path / "stand.npz")
+        agents.make("simulation_prior", make_env()).load(tmp_path / "stand.npz")
 
 
-def test_a_prior_is_made_anew_by_its_command(tmp_path):
+def test_a_prior_is_made_anew_by_its_command(tmp_path, make_env):
     path, tiny = tmp_path / "prior.npz", "--worlds 12 --objects 12 --motions 20 --components 8"
     train.main(f"--out {path} --worlds-from 910000 {tiny}".split())
     prior, training = load_prior(path, "stand", 3)
     assert prior.deviations.shape == (8,)
     assert training["worlds"] == 12
     assert not prior.basis[56:].any(), "on the stand no motor moves the object's image"
-    assert agents.make("simulation_prior", make_reach(), prior=str(path)).learn(5).num_timesteps == 5
+    assert agents.make("simulation_prior", make_env(), prior=str(path)).learn(5).num_timesteps == 5
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from agents.servo.slopes import Slopes
 from agents.servo.trial import Findings
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.linear_arm import LinearArm
+from tests.agents.trials import carry_out
 
 
 def arm_with_object(off_px):
@@ -25,11 +26,8 @@ def arm_with_object(off_px):
 def motors_moved(arm, servo, motions):
     """How many motors each motion moves, where the true Jacobian is known from the last trial."""
     running = servo(arm.observed(), Findings(Kalman(3, Slopes.of(arm.jacobian))))
-    words, counts = next(running), []
-    for _ in range(motions):
-        counts.append(np.count_nonzero(words))
-        words = running.send(arm.observed(words))
-    return counts
+    sent, _ = carry_out(running, arm.observed, motions)
+    return np.count_nonzero(sent, axis=1).tolist()
 
 
 def test_it_makes_no_test_motion_while_steps_bring_the_gripper_nearer():

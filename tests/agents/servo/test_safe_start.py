@@ -286,9 +286,8 @@ def test_it_reaches_where_nothing_can_be_touched_too_and_remembers(servo, tmp_pa
     assert any(arrived for *_, arrived, _ in islice(motions_of(other, env, seed=5), 40))
 
 
-def test_in_a_later_trial_its_servo_goes_on_at_once_as_it_would_without_a_leash():
-    arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
-    env = gym.make("CalFree/Reach-v0", **arm)
+def test_in_a_later_trial_its_servo_goes_on_at_once_as_it_would_without_a_leash(make_env):
+    env = make_env("stand", arm=ARMS["redundant"])
     agent, servo = agents.make("safe_start", env), agents.make("unified_servo", env)
     env.reset(seed=2)
     agent.learn(120)
@@ -299,9 +298,8 @@ def test_in_a_later_trial_its_servo_goes_on_at_once_as_it_would_without_a_leash(
     np.testing.assert_allclose(words * (asked @ asked), asked * (words @ asked), atol=1e-6)
 
 
-def test_motors_that_may_rest_are_not_taken_for_strong_ones():
-    arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
-    env = gym.make("CalFree/Reach-v0", **arm)
+def test_motors_that_may_rest_are_not_taken_for_strong_ones(make_env):
+    env = make_env("stand", arm=ARMS["redundant"])
     agent = agents.make("safe_start", env)
     env.reset(seed=2)
     sent = np.array([words for words, *_ in motions_of(agent, env)])
@@ -329,10 +327,9 @@ class Been(gym.Wrapper):
         return step
 
 
-def test_how_far_motors_have_been_is_remembered():
+def test_how_far_motors_have_been_is_remembered(make_env):
     """So none begins with the smallest word anew, those too that rested in the first motions."""
-    arm = {"arm": ARMS["redundant"], "camera_mount": "stand", "dynamics": "kinematic"}
-    env = Been(gym.make("CalFree/Reach-v0", **arm))
+    env = Been(make_env("stand", arm=ARMS["redundant"]))
     env.reset(seed=2)
     agent = agents.make("safe_start", env).learn(200, lambda _: len(env.trials) < 5)
     been = np.max(env.trials[:-1], axis=0)

@@ -3,8 +3,6 @@
 import gc
 import re
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -13,6 +11,7 @@ import pytest
 
 import agents
 from calfree_gym.lerobot import ArmError, LeRobotReachEnv
+from tests.calfree_gym.environments import example
 from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, FakeSO101
 from tests.calfree_gym.lerobot.so101 import MOTORS
 
@@ -96,10 +95,6 @@ def test_torque_goes_once_the_arm_is_supported(made, tmp_path):
     assert (tmp_path / "power").read_text() == "off"
 
 
-pytest.importorskip("lerobot", reason="LeRobot is not installed")
-EXAMPLE = Path(__file__).parents[3] / "examples" / "record_lerobot.py"
-
-
 class Dataset:
     def __init__(self, **settings):
         self.settings, self.frames, self.episodes = settings, [], []
@@ -124,9 +119,7 @@ def test_each_reach_but_the_first_is_an_episode_from_home_to_the_object(monkeypa
     types = SimpleNamespace(FeatureType=None, PolicyFeature=type("PolicyFeature", (), {}))
     for name, module in (("datasets", datasets), ("configs", types)):  # both load torch
         monkeypatch.setitem(sys.modules, f"lerobot.{name}", module)
-    spec = spec_from_file_location("record_lerobot", EXAMPLE)
-    example = module_from_spec(spec)
-    spec.loader.exec_module(example)
+    recording = example("record_lerobot")
     robot = FakeSO101()
     placed = []
 
@@ -134,7 +127,7 @@ def test_each_reach_but_the_first_is_an_episode_from_home_to_the_object(monkeypa
         robot.place_object()
         placed.append((robot.clock(), robot.get_observation()))
 
-    example.record(robot, place, tmp_path / "reaches", episodes=2, agent="unified_servo")
+    recording.record(robot, place, tmp_path / "reaches", episodes=2, agent="unified_servo")
     (dataset,) = made
     assert dataset.settings["fps"] == 20
     names = [f"{name}.pos" for name in MOTORS]
@@ -147,7 +140,7 @@ def test_each_reach_but_the_first_is_an_episode_from_home_to_the_object(monkeypa
         assert np.abs(last["observation.state"] - first["observation.state"]).max() > 3
         assert np.abs(last["action"] - last["observation.state"]).max() < 8
         assert last["observation.images.left"].shape == (480, 640, 3)
-        assert last["task"] == example.TASK
+        assert last["task"] == recording.TASK
     lasted = np.diff([*(at for at, _ in placed[1:]), robot.clock()])
     recorded = [len(frames) / 20 for frames in dataset.episodes]
     assert recorded[1] == pytest.approx(lasted[1], abs=0.2)

@@ -3,7 +3,6 @@
 import math
 import re
 import shutil
-from pathlib import Path
 
 import pytest
 import yaml
@@ -13,9 +12,8 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.running.run import runs_of
+from experiments.running.versions import REPOSITORY
 from tests.arms.own import ARMS, MODELS
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -120,7 +118,7 @@ def test_a_changed_mesh_makes_other_runs_also_where_two_are_exchanged(suite_data
 @pytest.mark.slow
 def test_the_documentations_suite_runs_to_the_end_and_its_report_names_the_arm(folder, capsys):
     """The example's arm has the names of our hobby arm."""
-    text = (ROOT / "docs/your-arm.md").read_text()
+    text = (REPOSITORY / "docs/your-arm.md").read_text()
     (example,) = re.findall(r"^```yaml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     (folder / "arms" / "hobby.xml").rename(folder / "arms" / "mine.xml")
     (folder / "mine.yaml").write_text(example.replace("trials: 20", "trials: 2"))

@@ -1,5 +1,4 @@
 import re
-from pathlib import Path
 
 import pytest
 import yaml
@@ -9,10 +8,11 @@ from hypothesis import strategies as st
 from experiments.__main__ import main
 from experiments.config.loading import load, read_yaml
 from experiments.errors import ConfigError
+from experiments.running.versions import REPOSITORY
 from tests.experiments.conftest import tiny_suite
 from tests.experiments.fakes import DROPPED, spoil
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIGS = REPOSITORY / "configs"
 SUITES = sorted(path for path in CONFIGS.glob("*.yaml") if "\nquestion:" in path.read_text())
 
 
@@ -22,13 +22,6 @@ def test_every_shipped_configuration_is_valid(path):
     if not all((CONFIGS / model).is_file() for model in fetched):
         pytest.skip("`make arms` has not fetched its arms")
     load(path)
-
-
-def test_what_is_written_is_what_is_read(suite_data, write_config):
-    suite = load(write_config(suite_data))
-    assert suite.scenarios[0].motions == 90
-    assert suite.scenarios[0].env.world == "wild"
-    assert suite.agents[1].label == "unified_servo"
 
 
 ENV = ("scenarios", 0, "env")

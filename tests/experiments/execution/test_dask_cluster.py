@@ -6,14 +6,12 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
 from experiments.__main__ import main
 from experiments.running.results_folder import LOG, TIMINGS
-
-REPOSITORY = Path(__file__).parents[3]
+from experiments.running.versions import REPOSITORY
 
 
 class Cluster:

@@ -136,20 +136,6 @@ def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, caps
     assert main(["report", str(out)]) == 0
 
 
-@pytest.mark.slow
-def test_a_report_is_of_the_finished_runs_alone(finished):
-    _, out = finished
-    done = sorted(out.glob("runs/*/DONE.json"))
-    done[0].unlink()  # as an interrupt would have left it
-    assert main(["report", str(out)]) == 0
-    results = pd.read_parquet(out / "results.parquet")
-    assert set(results["run"]) == {path.parent.name for path in done[1:]}
-    page = (out / "report.html").read_text()
-    assert "1 of 4 runs FAILED or did not finish" in page
-    assert f"{done[0].parent.name}  " in page
-    assert "(never finished)" in page
-
-
 def test_curves_are_tensorboard_scalars(finished):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from calfree_gym import Perturb
-from experiments.fetch_reach.environment import CAMERA, fetch
-from experiments.fetch_reach.policies import CELLS, images_of, shares_around
+from experiments.fetch_reach.policies import CAMERA, CELLS, fetch, images_of, shares_around
 
 
 @pytest.mark.slow

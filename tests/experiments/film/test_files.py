@@ -3,12 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from calfree_gym.engine.frames import GRIPPER_COLOUR
 from experiments.errors import ConfigError
-from experiments.film.files import FilmFiles
-from experiments.film.pictures import WIDTH, Moment, chosen, frame_strip, moment
+from experiments.film.pictures import WIDTH, FilmFiles, Moment, chosen, frame_strip, moment
 
 SIZE = (120, 90)
 
@@ -50,11 +49,10 @@ def test_all_can_be_read_back(tmp_path):
     gif = Image.open(files.gif)
     assert gif.size == (60, 45)
     durations, greys = [], []
-    for k in range(gif.n_frames):
-        gif.seek(k)
-        pixels = np.asarray(gif.convert("RGB"))
+    for each in ImageSequence.Iterator(gif):
+        pixels = np.asarray(each.convert("RGB"))
         assert tuple(pixels[4, 4]) == GRIPPER_COLOUR
-        durations.append(gif.info["duration"])
+        durations.append(each.info["duration"])
         greys.append(int(np.median(pixels)))
     assert sum(durations) == 2000
     assert greys == [40, 80, 200]  # at 0, 250 .. 750 and 1000 ms
@@ -125,7 +123,7 @@ def test_a_film_with_frames_missing_is_refused(tmp_path):
 
 
 def test_a_missing_codec_is_told_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.film.files.CODEC", "????")
+    monkeypatch.setattr("experiments.film.pictures.CODEC", "????")
     with pytest.raises(ConfigError, match=r"cannot write it here.*opencv-python-headless"):
         make(files_in(tmp_path), 1)
     assert not list(tmp_path.iterdir())

@@ -7,19 +7,19 @@ import pytest
 import agents
 from calfree_gym.image import lengths_px
 from calfree_gym.robot.docking.model import pose_of
-from experiments.film.command import Predictions
-from experiments.film.pictures import Trial
-from experiments.film.recorder import (
+from experiments.film.command import (
     END,
     FLASH,
     FLASHES,
     LOOK,
     NEWS,
     FilmRecorder,
+    Predictions,
     TrialStatus,
     caption,
     told,
 )
+from experiments.film.pictures import Trial
 
 RATE = 20
 KNOCK = {"type": "camera_aim", "camera": "left", "degrees": 15.0}

@@ -1,7 +1,6 @@
 """Agents look the same in every figure, and differ within one."""
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,9 @@ import agents
 from experiments.config.loading import read_yaml
 from experiments.config.suite import AgentConfig
 from experiments.reporting.figures import colour, in_words, lines_of
+from experiments.running.versions import REPOSITORY
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIGS = REPOSITORY / "configs"
 SUITES = [path for path in sorted(CONFIGS.glob("*.yaml")) if "agents" in read_yaml(path)]
 NAMES = sorted({name for task in agents.tasks() for name in agents.names(task)})
 

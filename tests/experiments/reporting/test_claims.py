@@ -1,7 +1,6 @@
 """Claims and requirements, judged by results that were made up so that the verdict is known."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -31,7 +30,6 @@ from tests.experiments.reporting.made_up import CAP, results
 
 WORLDS = 20
 AGENTS = ["paper_servo", "unified_servo"]
-CONFIGS = Path(__file__).parents[3] / "configs"
 ENV = {"id": "CalFree/Reach-v0", "world": "wild", "dynamics": "kinematic"}
 SUITE = {
     "name": "made_up",
@@ -321,14 +319,14 @@ AWAY = {"scenario": "away", "trials": [1, 2]}
         ({"trials": [1, 2]}, {"measure": "as_expected"}, "held-out"),
     ],
 )
-def test_wrong_claims_are_told(tmp_path, write_config, of, test, said):
+def test_wrong_claims_are_told(tmp_path, write_config, refused, of, test, said):
     trials = {"agent": "paper_servo", "scenario": "home", **of}
     criterion = {"measure": "success", "of": trials, "above": 0.5, "null_agent": "unified_servo", **test}
     wrong = write_config([{"name": "c", "section": "1", "words": "w", "criteria": [criterion]}])
     wrong.rename(tmp_path / "claims.yaml")
-    with pytest.raises(ConfigError, match="claims") as error:
-        load(write_config({**SUITE, "claims": "claims.yaml"}))
-    assert said in str(error.value)
+    found = refused({**SUITE, "claims": "claims.yaml"})
+    assert "claims" in found
+    assert said in found
 
 
 def test_success_and_rendezvous_are_not_mixed_in_a_claim():

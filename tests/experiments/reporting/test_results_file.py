@@ -127,24 +127,28 @@ def test_of_very_many_own_trials_some_are_kept_and_all_held_out_ones(finished, a
     assert (mine["phase"] == "eval").sum() == len(held_out)
 
 
-def test_what_a_run_says_and_why_one_failed_is_in_the_file(finished):
+def test_a_report_is_of_the_finished_runs_alone_and_the_file_says_why_others_are_not(finished):
     _, out = finished
-    done, *_ = sorted(out.glob("runs/*/DONE.json"))
-    done.unlink()
+    failed, *done, stopped = (path.parent for path in sorted(out.glob("runs/*/DONE.json")))
+    for each in (failed, stopped):
+        (each / "DONE.json").unlink()  # as an interrupt would have left it
     (out / "results.parquet").unlink()
-    (done.parent / "FAILED.json").write_text(json.dumps({"exit_code": 1, "log_tail": ["Oh <no>"]}))
+    (failed / "FAILED.json").write_text(json.dumps({"exit_code": 1, "log_tail": ["Oh <no>"]}))
     found = read_finished(gather(out), out)
     (suite, command) = read_suite(out)
     assert (found.suite, found.command) == (suite, command)
-    assert found.failures == {done.parent.name: ["Oh <no>"]}
-    assert found.outcomes.keys() == {run.id for run in runs_of(suite)} - {done.parent.name}
+    assert found.failures == {failed.name: ["Oh <no>"]}
+    assert found.outcomes.keys() == {run.id for run in runs_of(suite)} - {failed.name, stopped.name}
     for outcome in found.outcomes.values():
         assert outcome.keys() >= {"privileged", "prior_knowledge"}
-    assert len(found.timings) == 3
-    main(["report", str(out)])
+    assert len(found.timings) == 2
+    assert main(["report", str(out)]) == 0
+    assert set(pd.read_parquet(out / "results.parquet")["run"]) == {each.name for each in done}
     page = (out / "report.html").read_text()
-    assert page.index("1 of 4 runs FAILED") < page.index("aimed: held-out trials")
+    assert page.index("2 of 4 runs FAILED or did not finish") < page.index("aimed: held-out trials")
     assert "Oh &lt;no&gt;" in page
+    assert f"{stopped.name}  " in page
+    assert "(never finished)" in page
 
 
 @pytest.mark.parametrize(

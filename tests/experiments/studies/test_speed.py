@@ -7,7 +7,7 @@ import pytest
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.studies import common, speed
-from experiments.studies.speed import Peer, motions, waits
+from experiments.studies.speed import Peer, motions
 
 
 @pytest.fixture
@@ -55,8 +55,7 @@ def test_peers_that_cannot_be_had(spec, said, capsys):
 def test_everything_is_timed(simulated, monkeypatch):
     own = common.arms_of_tests()
     few = {name: own[name] for name in ("gantry", motions.SEVEN_MOTORS)}
-    for module in (motions, waits):
-        monkeypatch.setattr(module, "arms_of_tests", lambda: few)
+    monkeypatch.setattr(motions, "arms_of_tests", lambda: few)
     monkeypatch.setattr(speed, "by_rows", lambda rounds: motions.by_rows(rounds, (1, 4)))
     table, rows = speed.tables([simulated], rounds=1)
     told = table.frame.set_index("ours / beside it")
