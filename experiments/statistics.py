@@ -53,8 +53,8 @@ DRAWS = 4000
 to 0.8 %: where all succeed, the lower one is 88.9 %, with very many draws 88.1 %."""
 SHARE = (0.0, 1.0)
 """The bounds of a share."""
-_EQUAL = 1e-12
-"""Shares that differ by no more are equal: products of shares are rounded."""
+EQUAL = 1e-12
+"""Shares and limits of intervals that differ by no more are equal: they are rounded."""
 
 
 def mean_share(successes: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
@@ -234,7 +234,7 @@ def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
     """
     times, reached = np.asarray(times, float), np.asarray(reached, bool)
     left = scipy.stats.ecdf(scipy.stats.CensoredData.right_censored(times, ~reached)).sf
-    half, most = (_first_below(left.quantiles, left.probabilities, 0.5 + each) for each in (_EQUAL, -_EQUAL))
+    half, most = (_first_below(left.quantiles, left.probabilities, 0.5 + each) for each in (EQUAL, -EQUAL))
     value = (half + most) / 2
     if len(times) < ENOUGH_WORLDS:
         return Estimate(value)
@@ -245,7 +245,7 @@ def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
         np.where(np.isnan(edge.probabilities), left.probabilities, edge.probabilities)
         for edge in (band.low, band.high)
     )
-    return Estimate(value, *(_first_below(left.quantiles, edge, 0.5 + _EQUAL) for edge in edges))
+    return Estimate(value, *(_first_below(left.quantiles, edge, 0.5 + EQUAL) for edge in edges))
 
 
 def _first_below(times: Array, left: Array, share: float) -> float:

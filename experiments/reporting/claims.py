@@ -28,6 +28,7 @@ from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, counted, number, percent, written
 from experiments.statistics import (
     ENOUGH_WORLDS,
+    EQUAL,
     Estimate,
     mean_share,
     median_world,
@@ -238,7 +239,7 @@ def margin(criterion: Criterion, found: Measured | None) -> float:
     if criterion.below is not None:
         beyond, worse, better = criterion.below - value, better, worse
     half = worse if beyond > 0 else better
-    return beyond / half if half else math.copysign(math.inf, beyond or -1.0)
+    return beyond / half if half > EQUAL else math.copysign(math.inf, beyond or -1.0)
 
 
 def verdict_of(criterion: Criterion, found: Measured | None, null: Measured | None) -> Verdict:

@@ -212,6 +212,7 @@ def test_seconds_depend_on_the_look():
         (2.0, 3.0, {"below": 2.0}, -1, Verdict.NOT_CONFIRMED),
         (0.0, 0.0, {"below": 0.0}, -np.inf, Verdict.NOT_CONFIRMED),
         (-1.0, -1.0, {"below": 0.0}, np.inf, Verdict.CONFIRMED),
+        (-0.4, -0.4 + 1e-16, {"below": 0.25}, np.inf, Verdict.CONFIRMED),
     ],
 )
 def test_the_whole_interval_decides(low, high, bound, half_intervals, expected):
