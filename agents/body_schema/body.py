@@ -29,8 +29,8 @@ RIDGE = 1e-3
 """Of the regression, relative to the mean square of its registers (a guard)."""
 
 
-def likely_mounts(pairs: Pairs, count: int) -> list[Mounts]:
-    """How many motors, from the base, move the left and the right camera: so many guesses, the best first.
+def likely_mounts(pairs: Pairs, count: int | None = None) -> list[Mounts]:
+    """How many motors, from the base, move the left and the right camera: guesses, the best `count` first.
 
     Motors before a camera move the object's image and not the gripper's; motors behind it, the other way
     round. The guesses are by linear regression of both on the registers.
@@ -198,7 +198,7 @@ class Body:
     STARTS, GO_ON_WITH = 8, 3
     """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
     GUESSES = 3
-    """That is done for so many guesses of which motors move the cameras. Choice."""
+    """That is first done for so many guesses of which motors move the cameras, then for all. Choice."""
     MORE = 1.3
     """And again once so many times as much was seen. Choice, between time and motions."""
     COARSE, COARSE_OUTLYING, COARSE_STEPS = 30.0, 5.0, 25
@@ -300,10 +300,11 @@ class Body:
         """Seeks from nothing what explains it, unless as much was sought not long ago."""
         if len(seen) < self.MORE * self._searched:
             return
+        guesses = likely_mounts(seen, None if self._searched else self.GUESSES)
         self._searched = len(seen)
         random = np.random.default_rng((self._seed, self.trials))
         found = [] if self.known is None else [self._refitted(self.known, seen)]
-        for mounts in likely_mounts(seen, self.GUESSES):
+        for mounts in guesses:
             chain = JointChain(self.motors, mounts)
             before = Gaussian.of_any(chain)
             fit = Fit(chain, seen, before)
