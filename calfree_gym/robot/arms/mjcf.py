@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import graphlib
 import hashlib
 import html
 import itertools
 import math
 import os
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,10 +31,16 @@ _KINDS = {
     "textures": ("tex", "texturedir"),
 }
 """What has files: what a compiled model calls it, and which folder of its compiler the files are in."""
-_TAKES_FROM_OTHERS = re.compile(r"<(include|model|flexcomp)\b")
+_TAKES_FROM_OTHERS = re.compile(r"<\s*(include|model|flexcomp)\b", re.IGNORECASE)
 """Elements whose files become part of the model's text."""
-_FILE = re.compile(r"""\bfile\s*=\s*(?=(["'])([^\0]{1,4096}?)\1)""")
+_FILE = re.compile(r"""\bfile\s*=\s*(?=(["'])(.*?)\1)""", re.DOTALL)
 """What names a file, also in what looks like a comment: in a quote it would be none."""
+_ESCAPED = re.compile(r"&(?:(lt|gt|quot|apos|amp)|#0*([0-9]{1,7})|#x0*([0-9a-fA-F]{1,6}));|\r\n|\n\r|\r")
+"""What MuJoCo reads as another character; HTML knows more."""
+_ABSOLUTE = re.compile(r"[/\\]|.*?:/|.*?:\\|", re.DOTALL)
+"""How a path begins that MuJoCo takes for absolute, on each system; else nothing."""
+_UNCLEAR = re.compile(r"[\0\ud800-\udfff]|\.(mjz|zip)(?![^/\\])", re.IGNORECASE)
+"""Where a name is none in UTF-8, or leads into an archive."""
 
 
 def read(source: Source) -> tuple[str, dict[str, str]]:
@@ -82,7 +88,7 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
     Raises:
         ValueError: It cannot be compiled.
     """
-    _check_circles(TEXT, text, Path())
+    _check_circles(TEXT, text)
     spec = mujoco.MjSpec.from_string(text)
     _keep_all(spec)
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
@@ -110,14 +116,17 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
     if not isinstance(source, str | Path):
         raise ValueError(f"model is {source!r}; it must be a path, MJCF text, or an mujoco.MjSpec")
     text = str(source)
+    if re.search(r"[\ud800-\udfff]", text):
+        raise ValueError(f"model is {text!r:.80}; it must be UTF-8, also the name of a file")
     if text.lstrip().startswith("<"):
         what, folder = TEXT, Path()
     else:
-        path = Path(source)
-        if not path.is_file():
-            raise ValueError(f"{path}: there is no such MJCF file")
-        what, folder, text = str(path), path.parent, path.read_text(errors="replace")
-    _check_circles(what, text, folder)
+        what, folder = str(Path(source)), Path(source).parent
+        if not os.path.isfile(source):
+            raise ValueError(f"{what}: there is no such MJCF file")
+        _unescaped(html.escape(Path(source).name))
+        text = _text(what)
+    _check_circles(what, text)
     try:
         if what == TEXT:
             return mujoco.MjSpec.from_string(text), what, folder
@@ -126,21 +135,61 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
         raise ValueError(f"{what} is no MJCF that MuJoCo can read: {error}") from error
 
 
-def _check_circles(what: str, text: str, folder: Path) -> None:
-    """Raises ValueError where a model takes itself from a file, by whatever way round: MuJoCo would crash."""
-    graph: dict[str, list[str]] = {}
-    waiting = [(os.path.realpath(what), text)]
+def _check_circles(what: str, text: str) -> None:
+    """Raises ValueError where a model takes itself from a file, by whatever way round: MuJoCo would crash.
+
+    A name may be of a file beside any of those that lead to it: beside which, hangs on what names it.
+    """
+    seen = set()
+    waiting: list[tuple[str, ...]] = [(os.path.abspath(what),)]
     while waiting:
-        file, text = waiting.pop()
-        graph[file] = []
-        for _, name in _FILE.findall(text) if _TAKES_FROM_OTHERS.search(text) else ():
-            places = (os.path.join(each, html.unescape(name)) for each in (os.path.dirname(file), folder))
-            graph[file] += [os.path.realpath(place) for place in places if os.path.isfile(place)][:1]
-        waiting += [(each, Path(each).read_text(errors="replace")) for each in {*graph[file]} - graph.keys()]
-    try:
-        graphlib.TopologicalSorter(graph).prepare()
-    except graphlib.CycleError as error:
-        raise ValueError(f"{what} is made of itself: {' names '.join(error.args[1][::-1])}") from None
+        way = waiting.pop()
+        folders = frozenset(os.path.dirname(each) for each in way)
+        if (way[-1], folders) in seen:
+            continue
+        seen.add((way[-1], folders))
+        if len(way) > 1:
+            text = _text(way[-1])
+        for _, escaped in _FILE.findall(text) if _TAKES_FROM_OTHERS.search(text) else ():
+            name = _unescaped(escaped)
+            for file in filter(os.path.isfile, {_opened(folder, name) for folder in folders}):
+                if os.path.realpath(file) in map(os.path.realpath, way):
+                    raise ValueError(f"{what} is made of itself: {' names '.join([what, *way[1:], file])}")
+                waiting.append((*way, file))
+
+
+def _text(file: str) -> str:
+    """Of a file, for names of other files in it: bytes that are no UTF-8 stay what they are."""
+    return Path(file).read_bytes().decode("utf-8", "surrogateescape")
+
+
+def _unescaped(name: str) -> str:
+    """A name of a file as MuJoCo's XML parser reads it.
+
+    Raises:
+        ValueError: The parser, or an archive that is named, would make of it what `_check_circles` misses.
+    """
+
+    def character(found: re.Match[str]) -> str:
+        word, decimal, hexadecimal = found.groups()
+        if decimal or hexadecimal:
+            code = int(decimal or hexadecimal, 10 if decimal else 16)
+            return chr(code) if code <= sys.maxunicode else "\0"
+        return html.unescape(found[0]) if word else "\n"
+
+    plain = _ESCAPED.sub(character, name)
+    if "&" in _ESCAPED.sub("", name) or _UNCLEAR.search(plain):
+        raise ValueError(
+            f"found the file {name!r:.200}; allowed: well-formed XML in UTF-8, and no archive (.mjz, .zip)"
+        )
+    return plain
+
+
+def _opened(folder: str, name: str) -> str:
+    """The path that MuJoCo opens: ".." takes away what is before it, whether that is there or not."""
+    start = _ABSOLUTE.match(name)[0]  # type: ignore[index]
+    rest = name[len(start) :].replace("\\", "/")
+    return start + os.path.normpath(rest.lstrip("/") if start else os.path.join(folder, rest))
 
 
 def _files(spec: Any) -> Iterator[tuple[Any, str]]:

@@ -141,7 +141,13 @@ def test_missing_models_and_files_of_attached_ones_are_named(hand, assets, messa
         read(with_hand(files, "../hand/hand.xml") if hand else arm)
 
 
-@pytest.mark.parametrize("named", ["hand.xml", "../arm/&#97;rm.xml"])
+@pytest.mark.parametrize(
+    "named",
+    [
+        *("hand.xml", "../arm/&#97;rm.xml", "nothing/../hand.xml", "nothing\\..\\hand.xml"),
+        "./" * 2100 + "hand.xml",
+    ],
+)
 def test_a_model_that_is_made_of_itself_is_refused(named, files, monkeypatch):
     """MuJoCo would end the process."""
     monkeypatch.chdir(files / "arm")
@@ -150,3 +156,53 @@ def test_a_model_that_is_made_of_itself_is_refused(named, files, monkeypatch):
     for take, source in ((read, arm), (read, arm.read_text()), (compiled, arm.read_text())):
         with pytest.raises(ValueError, match=r"is made of itself: .*hand\.xml names "):
             take(source)
+
+
+@pytest.mark.parametrize(
+    ("file", "named"),
+    [
+        ("a\x80.xml", "a&#x80;.xml"),
+        ("a&b.xml", "a&amp;b.xml"),
+        ("a\nb.xml", "a\n\rb.xml"),
+        ("C:/a.xml", "C:/a.xml"),
+    ],
+)
+def test_a_model_that_names_itself_in_any_spelling_is_refused(file, named, files):
+    """MuJoCo would end the process."""
+    itself = model(files / file, f'< model name="h" file="{named}"/>', '<geom size="1"/>')
+    with pytest.raises(ValueError, match="is made of itself: "):
+        read(itself)
+
+
+def test_a_circle_through_an_included_file_is_refused(files):
+    """MuJoCo looks for what that one includes beside the model, and would end the process."""
+    arm = with_hand(files, "../hand/hand.xml")
+    model(files / "hand/hand.xml", '</asset><include file="in/part.xml"/><asset>', '<geom size="1"/>')
+    model(files / "hand/in/part.xml", '</asset><include file="more.xml"/><asset>')
+    model(files / "hand/more.xml", '<model name="h" file="hand.xml"/>')
+    model(files / "hand/in/more.xml", "")
+    with pytest.raises(ValueError, match="is made of itself: "):
+        read(arm)
+
+
+@pytest.mark.parametrize(
+    "named",
+    ["a&copy.xml", "&#97;&.xml", "&#xd800;.xml", "&#x110000;.xml", "a.xml&#0;", "a.mjz", "a.zip/a.xml"],
+)
+def test_files_that_mujoco_may_find_elsewhere_are_refused(named, files):
+    arm = model(files / "arm/arm.xml", f'<model name="h" file="{named}"/>', '<geom size="1"/>')
+    with pytest.raises(ValueError, match=f"found the file '{re.escape(named)}'; allowed: well-formed XML"):
+        read(arm)
+
+
+def test_what_is_no_name_of_a_model_is_refused(files):
+    """An archive could be made of itself."""
+    (files / "arm.mjz").write_bytes(b"PK")
+    for source, message in (
+        (files / "arm.mjz", "found the file 'arm.mjz'; allowed: .* no archive"),
+        ("a\udcff.xml", r"^model is 'a\\udcff\.xml'; it must be UTF-8"),
+        ("<mujoco model='\ud800'/>", "it must be UTF-8"),
+        ("a" * 5000, "there is no such MJCF file"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read(source)
