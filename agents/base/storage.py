@@ -24,7 +24,15 @@ _VERSION = 1
 
 
 def save(file: AgentFile, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
-    """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all."""
+    """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all.
+
+    Raises:
+        TypeError: The file is neither a path nor a binary file; or an array holds objects, such as whole
+            numbers beyond 64 bits, which would have to be pickled.
+    """
+    for name, array in arrays.items():
+        if array.dtype.hasobject:
+            raise TypeError(f"{name} is {array!r:.80}; allowed: an array of plain numbers or text")
     header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions, "motors": motors})
     with written(file) as place:
         np.savez_compressed(place, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]

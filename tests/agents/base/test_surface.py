@@ -240,6 +240,13 @@ def test_a_file_is_written_whole_or_not_at_all_and_through_no_link(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+def test_what_would_have_to_be_pickled_is_not_written(tmp_path):
+    (tmp_path / "agent.npz").write_bytes(b"before")
+    with pytest.raises(TypeError, match=r"trials is array\(\[1000.*; allowed: an array of plain numbers"):
+        storage.save(tmp_path / "agent.npz", "kind", {"trials": np.array([10**30])}, 0, 3)
+    assert (tmp_path / "agent.npz").read_bytes() == b"before"
+
+
 @pytest.mark.parametrize("name", ["memory", "recurrent_servo", "sac"])
 def test_an_agent_is_saved_where_a_link_leads(name, tmp_path):
     (tmp_path / "folder").mkdir()
