@@ -36,8 +36,8 @@ def whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         partial.unlink(missing_ok=True)
 
 
-def check_size(archive: ZipFile) -> None:
-    """Raises ValueError where a zip has too many bytes unpacked; none is unpacked beyond what it declares."""
-    size = sum(member.file_size for member in archive.infolist())
+def check_size(*archives: ZipFile) -> None:
+    """Raises ValueError where zips have too many bytes unpacked; none is unpacked beyond what it declares."""
+    size = sum(member.file_size for archive in archives for member in archive.infolist())
     if size > MOST_BYTES:
         raise ValueError(f"it has {size} bytes unpacked; allowed: {MOST_BYTES}")
