@@ -8,6 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+MOST = 2.0**53
+"""Of what is saved. Derived: so far whole numbers are exact. What agents know is far less."""
+ROUNDING = 1e-6
+"""Of the numbers of a covariance, relative to the largest. Choice: that of float64 adds up over a life."""
+
 
 def check_number(
     name: str,
@@ -37,11 +42,15 @@ def check_number(
     infinite = right_kind and not isinstance(value, Integral) and not math.isfinite(value)
     if right_kind and value > above and least <= value <= most and not (infinite and finite):
         return value
+    kind = "a whole number" if whole else "a finite number" if infinite and finite else "a number"
+    raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *_bounds(least, above, most)])}")
+
+
+def _bounds(least: float, above: float, most: float) -> list[str]:
+    """In words."""
     bounds = [f"above {above:g}"] if above > -math.inf else []
     bounds += [f"{least:g} or more"] if least > -math.inf else []
-    bounds += [f"at most {most:g}"] if most < math.inf else []
-    kind = "a whole number" if whole else "a finite number" if infinite and finite else "a number"
-    raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
+    return bounds + ([f"at most {most:g}"] if most < math.inf else [])
 
 
 def check_numbers(name: str, values: Any, **bounds: Any) -> list[Any]:
@@ -60,13 +69,27 @@ def checked_array(
     name: str,
     shape: tuple[int | None, ...],
     allow_nan: bool = False,
-    most: float = math.inf,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    most: float = MOST,
+    whole: bool = False,
 ) -> NDArray[np.float64]:
     """A copy of the saved array `name`.
 
+    Args:
+        arrays: As they were saved.
+        name: Of the array.
+        shape: Its shape; None is any length.
+        allow_nan: Whether numbers need not be finite; the bounds are of those that are.
+        least: None must be less, nor less than -`most`.
+        above: All must be greater.
+        most: None must be more.
+        whole: Whether they must be whole numbers.
+
     Raises:
-        ValueError: There is none, it is not of `shape` (None: any length), or holds what is no number, a
-            number that is not finite, or one of an absolute value above `most`.
+        ValueError: There is none, it is of another shape, or holds what is no number, or none that is
+            allowed; says which are.
     """
     saved = arrays.get(name)
     if saved is None:
@@ -82,8 +105,18 @@ def checked_array(
     array = np.array(saved, float)
     if not allow_nan and not np.isfinite(array).all():
         raise ValueError(f"the saved {name} hold numbers that are not finite")
-    if (np.abs(array) > most).any():
-        raise ValueError(
-            f"the saved {name} hold {array[np.abs(array) > most][0]:g}; at most {most:g} is allowed"
-        )
+    numbers, least = array[np.isfinite(array)], max(least, -most)
+    wrong = (numbers < least) | (numbers <= above) | (numbers > most) | (whole & (numbers % 1 != 0))
+    if wrong.any():
+        kind = "whole numbers" if whole else "numbers"
+        allowed = ", ".join([kind, *_bounds(least if least > above else -math.inf, above, most)])
+        raise ValueError(f"the saved {name} hold {numbers[wrong][0]:g}; allowed: {allowed}")
     return array
+
+
+def check_covariances(name: str, matrices: NDArray[np.float64]) -> None:
+    """Raises ValueError where one of saved matrices (..., m, m) is, by more than rounding, no covariance."""
+    rounding = ROUNDING * np.abs(matrices).max(initial=0.0)
+    lopsided = np.abs(matrices - matrices.swapaxes(-1, -2)).max(initial=0.0) > rounding
+    if lopsided or np.linalg.eigvalsh(matrices).min(initial=0.0) < -rounding:
+        raise ValueError(f"the saved {name} are no covariances; allowed: symmetric, positive semidefinite")

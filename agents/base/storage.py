@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from os import PathLike
+from os.path import realpath
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,7 +24,15 @@ _VERSION = 1
 
 
 def save(file: AgentFile, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
-    """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all."""
+    """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all.
+
+    Raises:
+        TypeError: The file is neither a path nor a binary file; or an array holds objects, such as whole
+            numbers beyond 64 bits, which would have to be pickled.
+    """
+    for name, array in arrays.items():
+        if array.dtype.hasobject:
+            raise TypeError(f"{name} is {array!r:.80}; allowed: an array of plain numbers or text")
     header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions, "motors": motors})
     with written(file) as place:
         np.savez_compressed(place, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
@@ -31,14 +40,14 @@ def save(file: AgentFile, kind: str, arrays: Mapping[str, NDArray[Any]], motions
 
 @contextmanager
 def written(file: AgentFile) -> Iterator[BinaryIO]:
-    """Where an agent's file is written: it, or its path, is as before where an error comes in between.
+    """Where an agent's file is written: it, or what its path leads to, is as before after an error.
 
     Raises:
         TypeError: It is neither a path nor a binary file.
     """
     if isinstance(file, str | PathLike):
         Path(file).parent.mkdir(parents=True, exist_ok=True)
-        with whole(file) as place:
+        with whole(realpath(file)) as place:
             yield place
     else:
         _check_open(file, "write", b"")
@@ -57,7 +66,7 @@ def content(file: AgentFile) -> bytes:
     if isinstance(file, str | PathLike):
         try:
             return Path(file).read_bytes()
-        except FileNotFoundError:
+        except (FileNotFoundError, ValueError):  # of a name that no file can have
             raise FileNotFoundError(f"{file}: there is no such file") from None
     _check_open(file, "read", 0)
     found = file.read()

@@ -73,6 +73,8 @@ class DockingServo(ProcedureAgent):
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         shapes = {name: each.shape for name, each in self.arrays().items()}
         self.learned = Learned(**{name: checked_array(arrays, name, shape) for name, shape in shapes.items()})
+        if not self.learned.words.all():
+            raise ValueError("the saved words hold 0; allowed: others, for test motions are to move")
 
 
 @agent("jacobian_servo", "Tests each motor, then corrects its Jacobian by every motion.", tasks=("dock",))

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 import gymnasium as gym
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from calfree_gym.errors import check_choice
 
 from ..base.agent import Agent
-from ..base.checks import check_number, checked_array
+from ..base.checks import check_covariances, check_number, checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
@@ -84,6 +85,9 @@ class ServoAgent(ProcedureAgent):
         filter: What is known of observations.
     """
 
+    MOST = 1e6
+    """Of saved slopes, registers and so on. Choice: far beyond any, and one can still reckon with it."""
+
     def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
         super().__init__(env, seed)
         (self.motors,) = env.action_space.shape  # type: ignore[misc]
@@ -145,19 +149,22 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`. Files of 0.1 have no variances and lengths, older ones no registers."""
         self.slopes = None
         self.filter.restore(arrays)
+        known = partial(checked_array, arrays, most=self.MOST)
         if "jacobian" in arrays:
-            self.slopes = Slopes.of(checked_array(arrays, "jacobian", (8, self.motors)))
+            self.slopes = Slopes.of(known("jacobian", (8, self.motors)))
         if self.slopes is not None and "slope_variances" in arrays:
+            variances = known("slope_variances", (POINTS, self.motors, self.motors), most=self.MOST**2)
+            check_covariances("slope_variances", variances)
             self.slopes = self.slopes._replace(
-                variances=checked_array(arrays, "slope_variances", (POINTS, self.motors, self.motors)),
-                changes=checked_array(arrays, "slope_changes", (POINTS, self.motors)),
-                trials=int(checked_array(arrays, "slope_trials", (1,))[0]),
+                variances=variances,
+                changes=known("slope_changes", (POINTS, self.motors), least=0),
+                trials=int(checked_array(arrays, "slope_trials", (1,), least=0, whole=True)[0]),
             )
         if self.slopes is not None and "smooth_lengths" in arrays:
             self.slopes = self.slopes._replace(
-                lengths=checked_array(arrays, "smooth_lengths", (2, self.motors)),
-                looks=checked_array(arrays, "smooth_looks", (2,)),
+                lengths=known("smooth_lengths", (2, self.motors), above=0),
+                looks=checked_array(arrays, "smooth_looks", (2,), above=0),
             )
         if self.slopes is not None and "slope_registers" in arrays:
-            registers = checked_array(arrays, "slope_registers", (self.motors,))
+            registers = known("slope_registers", (self.motors,))
             self.slopes = self.slopes._replace(registers=registers)

@@ -12,6 +12,7 @@ from calfree_gym.cli.recording import Recording
 from calfree_gym.cli.report import write_report
 from calfree_gym.cli.robots import Ask, connecting
 from calfree_gym.errors import check_choice, check_whole
+from calfree_gym.files import whole
 from calfree_gym.lerobot import ArmError, LeRobotReachEnv, knowledge
 from calfree_gym.lerobot.robot import LeRobot
 from calfree_gym.picture_reach import PairTracker
@@ -124,5 +125,6 @@ def _report(run: ReachRun, recording: Recording, error: str) -> None:
     title = f"{run.agent} reached {reached} of {len(outcomes)} times"
     write_report(page, title, settings, recording.reaches, recording.noticed, moving, error)
     if moving:
-        (run.out / "film.webp").write_bytes(moving)
+        with whole(run.out / "film.webp") as file:
+            file.write(moving)
     print(f"{title}; the report is {page}")

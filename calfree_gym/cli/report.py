@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from calfree_gym.cli.recording import FilmFrame, Noticed, RecordedReach
+from calfree_gym.files import whole
 
 BAR, GAP, HEIGHT = 28, 12, 160
 """Of the bars, in px."""
@@ -46,9 +47,8 @@ def write_report(
     style = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
     body = "\n".join(parts)
-    path.write_text(
-        f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>', encoding="utf-8"
-    )
+    with whole(path) as file:
+        file.write(f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'.encode())
 
 
 def _list(lines: object) -> str:

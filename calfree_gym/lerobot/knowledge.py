@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -34,7 +35,7 @@ def save(
     kept = {"agent": _name(agent), "unit": unit, "degrees": dict(home), "ticks": ticks}
     saved = BytesIO()
     agent.save(saved)
-    with whole(path) as place, zipfile.ZipFile(place, "w") as file:
+    with whole(os.path.realpath(path)) as place, zipfile.ZipFile(place, "w") as file:
         file.writestr(AGENT, saved.getvalue())
         file.writestr(HOME, json.dumps(kept))
 

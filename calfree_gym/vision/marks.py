@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, Self
 
 from calfree_gym.errors import near_misses, to_install
 from calfree_gym.errors.yaml_values import read
+from calfree_gym.files import whole
 
 LEAST_SATURATION = 0.5
 """Of a mark. Choice: a background has at most 0.3, and one needs some distance from it."""
@@ -152,8 +154,7 @@ class MarkSet:
             ImportError: PyYAML is not installed.
             OSError: The file cannot be written.
         """
-        text = yaml_module().safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None)
-        Path(path).write_text(text, encoding="utf-8")
+        write_yaml(path, self.to_dict())
 
 
 @dataclass(frozen=True)
@@ -203,6 +204,18 @@ def _check_fields(what: str, values: object, needed: tuple[str, ...], known: tup
             raise ValueError(f"unknown {name!r}{near_misses(name, known)}; allowed: {', '.join(known)}")
     if missing := [name for name in needed if name not in values]:
         raise ValueError(f"{what} lacks {', '.join(missing)}")
+
+
+def write_yaml(path: str | Path, values: Mapping[str, Any]) -> None:
+    """Writes a file of marks whole, where a link leads too.
+
+    Raises:
+        ImportError: PyYAML is not installed.
+        OSError: The file cannot be written.
+    """
+    text = yaml_module().safe_dump(values, sort_keys=False, default_flow_style=None)
+    with whole(os.path.realpath(path)) as file:
+        file.write(text.encode())
 
 
 def yaml_module() -> ModuleType:

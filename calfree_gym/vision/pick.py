@@ -13,7 +13,7 @@ import numpy as np
 from calfree_gym.errors import check_choice
 from calfree_gym.errors.yaml_values import read
 from calfree_gym.image import rounded
-from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, yaml_module
+from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, write_yaml
 from calfree_gym.vision.tracking.blobs import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import BallFinder
 
@@ -59,14 +59,13 @@ def pick(picture: Path, box: Sequence[int], name: str, file: Path) -> Pick:
     check_choice("mark", name, MARK_NAMES)
     image = read_image(picture)
     mark = learn_mark(image, box)
-    yaml = yaml_module()
     values: dict[str, Any] = {}
     if file.exists():
         Marks.load(file)
         values = read(file.read_text(encoding="utf-8"))
     values[name] = mark.to_dict()
     marks = Marks.from_dict(values)
-    file.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    write_yaml(file, values)
     ball = BallFinder(marks)(image).get(name)
     if ball is None:
         return Pick(mark, marks, None, False)

@@ -5,6 +5,7 @@ All lengths are in cells, squares of which a tag has 6 × 6, unless they are sai
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.errors import check_choice
+from calfree_gym.files import whole
 
 Array = NDArray[np.float64]
 GRIPPER, OBJECT = (0, 1), 2
@@ -81,7 +83,8 @@ def print_tags(path: str | Path, paper: str = "A4") -> None:
         _text(middle - 85, 161, "Above: for the gripper. Below: for the object."),
         *_print(_CARD, [(OBJECT, 0.0)], (middle, 205)),
     ]
-    Path(path).write_bytes(_pdf(width, height, "\n".join(page)))
+    with whole(os.path.realpath(path)) as file:
+        file.write(_pdf(width, height, "\n".join(page)))
 
 
 def _print(

@@ -153,8 +153,8 @@ class World:
         for name in names:
             try:
                 values[name] = np.array(values[name], np.float64)
-            except (TypeError, ValueError):
-                raise ValueError(f"World.{name} is {values[name]!r}; it must be numbers") from None
+            except (TypeError, ValueError, OverflowError):
+                raise ValueError(f"World.{name} is {values[name]!r:.200}; it must be numbers") from None
         shapes = _shapes(*self._lengths)
         for name in names:
             if values[name].shape != shapes[name]:
@@ -213,8 +213,10 @@ class World:
         """The world that `to_dict` wrote; fields that have a default may be missing.
 
         Raises:
-            ValueError: A field is missing, unknown, or of the wrong shape.
+            ValueError: It is no mapping; or a field is missing, unknown, or of the wrong shape.
         """
+        if not isinstance(values, Mapping):
+            raise ValueError(f"a World is {values!r:.200}; it must be a mapping, as `to_dict` gives it")
         needed = {each.name for each in fields(cls) if each.default_factory is MISSING}
         if missing := sorted(needed - values.keys()):
             raise ValueError(f"a World lacks {', '.join(missing)}")
@@ -361,8 +363,9 @@ _RANGES = {
 }
 
 
-def _unknown(names: Iterable[str]) -> ValueError:
-    return ValueError(f"a World has no field {', '.join(sorted(names))}; it has {', '.join(_NAMES)}")
+def _unknown(names: Iterable[object]) -> ValueError:
+    found = ", ".join(sorted(map(str, names)))
+    return ValueError(f"a World has no field {found}; it has {', '.join(_NAMES)}")
 
 
 @lru_cache

@@ -62,6 +62,7 @@ def test_worlds_are_values():
         ({"camera_position": np.ones(3)}, r"camera_position has shape \(3,\); it must be \(3, 3\)"),
         ({"camera_position": np.ones((0, 3))}, r"camera_position has shape \(0, 3\); it must be \(1, 3\)"),
         ({"camera_position": [[0, 0, 1], [0]]}, "camera_position is .*; it must be numbers"),
+        ({"texture": 10**400}, "texture is 1000.*; it must be numbers"),
         ({"blur": [0, -1]}, "blur must not be negative"),
         ({"image_noise": [-1, 0]}, "image_noise must not be negative"),
         ({"image_noise": [np.inf, 0]}, "image_noise must be finite"),
@@ -86,6 +87,19 @@ def test_worlds_that_cannot_be(fields, message):
     for changed in (partial(replace, nominal()), nominal().replace):
         with pytest.raises(ValueError, match=message):
             changed(**fields)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1], r"a World is \[1\]; it must be a mapping"),
+        (None, "a World is None; it must be a mapping"),
+        (nominal().to_dict() | {5: 1, "six": 1}, "a World has no field 5, six; it has camera_position"),
+    ],
+)
+def test_dicts_that_are_no_worlds_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        World.from_dict(values)
 
 
 def test_replace_makes_the_same_world_as_making_it_anew():

@@ -1,5 +1,6 @@
 """Saved learners: a zip of a JSON header and tensors, which reading never unpickles."""
 
+import copy
 import io
 import json
 from collections.abc import Mapping
@@ -7,6 +8,7 @@ from typing import Any, NamedTuple
 from zipfile import ZipFile, is_zipfile
 
 import torch
+from torch.optim import Optimizer
 
 from calfree_gym.files import check_size
 
@@ -16,7 +18,9 @@ from ...base.storage import AgentFile, content, written
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1
 _FOREIGN_HEADER, _VARIABLES = "data", "pytorch_variables.pth"
-_READ = (_HEADER, _FOREIGN_HEADER, ".pt", ".pth")
+_PACKED = (".pt", ".pth")
+"""How the names of tensors end, which are zips themselves."""
+_READ = (_HEADER, _FOREIGN_HEADER, *_PACKED)
 """How the names of what is read end; the rest stays packed."""
 
 
@@ -65,14 +69,12 @@ def read(path: AgentFile, trusted: bool = False) -> Saved:
             check_size(archive)
             names = archive.namelist()
             entries = {name: archive.read(name) for name in names if name.endswith(_READ)}
+        packed = {name: io.BytesIO(entry) for name, entry in entries.items() if name.endswith(_PACKED)}
+        check_size(*(ZipFile(tensors) for tensors in packed.values() if is_zipfile(tensors)))
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved learner: {error!r}") from error
     header = _header(path, names, entries)
-    found = {
-        name: _tensors(path, name, content, trusted)
-        for name, content in entries.items()
-        if name.endswith((".pt", ".pth"))
-    }
+    found = {name: _tensors(path, name, tensors, trusted) for name, tensors in packed.items()}
     if _PARAMETERS in found:
         about = header["about"]
         motions, updates = header["motions"], header["updates"]
@@ -101,13 +103,31 @@ def check_tensor(name: str, saved: Any, ours: torch.Tensor) -> None:
         raise ValueError(f"{name} is {saved!r:.80}; it must be finite, {ours.dtype}, of {ours.shape}")
 
 
-def check_finite(parameters: Any) -> None:
-    """Raises ValueError where a tensor of (nested) parameters holds a number that is not finite."""
-    for name, value in parameters.items() if isinstance(parameters, Mapping) else ():
-        if isinstance(value, Mapping):
-            check_finite(value)
-        elif isinstance(value, torch.Tensor) and not torch.isfinite(value).all():
-            raise ValueError(f"{name} holds a number that is not finite")
+def optimizer_state(name: str, saved: Any, optimizer: Optimizer) -> dict[str, Any]:
+    """A state dict for our optimizer: what a file tells of each parameter, and our own settings.
+
+    Raises:
+        ValueError: That is not what a step of our optimizer leaves: fused ones would write beyond it.
+    """
+    stepped = copy.deepcopy(optimizer)
+    for parameter in (each for group in stepped.param_groups for each in group["params"]):
+        parameter.grad = torch.zeros_like(parameter)
+    stepped.step()
+    ours, states = stepped.state_dict()["state"], saved["state"]
+    for number, state in states.items():
+        what = f"the state of parameter {number} in {name}"
+        if ours.get(number, {}).keys() != state.keys():
+            raise ValueError(f"{what} has {', '.join(state)}; it must have {', '.join(ours.get(number, {}))}")
+        for key, value in state.items():
+            mine = torch.as_tensor(ours[number][key])
+            theirs = value if isinstance(value, torch.Tensor) else torch.as_tensor(value, dtype=mine.dtype)
+            check_tensor(f"{key} of {what}", theirs, mine)
+            if (key == "step" or "sq" in key) and (theirs < 0).any():
+                raise ValueError(f"{key} of {what} has {float(theirs.min()):g}; it must be 0 or more")
+            mine.copy_(theirs)
+            if not isinstance(ours[number][key], torch.Tensor):
+                ours[number][key] = mine.item()
+    return optimizer.state_dict() | {"state": {number: ours[number] for number in states}}
 
 
 def _header(path: AgentFile, names: list[str], entries: Mapping[str, bytes]) -> dict[str, Any]:
@@ -131,11 +151,10 @@ def _header(path: AgentFile, names: list[str], entries: Mapping[str, bytes]) -> 
         raise ValueError(f"{path} is damaged: {error!r}") from error
 
 
-def _tensors(path: AgentFile, name: str, content: bytes, trusted: bool) -> Any:
+def _tensors(path: AgentFile, name: str, packed: io.BytesIO, trusted: bool) -> Any:
+    packed.seek(0)
     try:
-        if is_zipfile(io.BytesIO(content)):
-            check_size(ZipFile(io.BytesIO(content)))
-        return {**torch.load(io.BytesIO(content), map_location="cpu", weights_only=not trusted)}
+        return {**torch.load(packed, map_location="cpu", weights_only=not trusted)}
     except Exception as error:  # what torch raises on a damaged file depends on where the damage is
         hint = (
             "" if trusted else ", or would have to be unpickled: load(path, trusted=True) does, at your risk"

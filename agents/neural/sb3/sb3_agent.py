@@ -34,7 +34,7 @@ from ...base.random_state import OwnRandomState
 from ...base.registration import Settings, named_settings
 from ...base.storage import AgentFile
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
-from .files import Saved, check_finite, check_tensor, read, write
+from .files import Saved, check_tensor, optimizer_state, read, write
 
 GOALS = ("achieved_goal", "desired_goal")
 
@@ -272,7 +272,7 @@ class Sb3Agent(Agent):
 
         Args:
             path: As for `Agent.load`; or of a file that stable-baselines3 has saved, of which networks,
-                optimisers and counts are taken. It does not tell how words were scaled.
+                optimisers' moments and counts are taken. It does not tell how words were scaled.
             trusted: Whether tensors may be unpickled, which executes what the file says.
         """
         saved = read(path, trusted)
@@ -283,12 +283,18 @@ class Sb3Agent(Agent):
                 )
         before = copy.deepcopy(self._model.get_parameters())
         variables = self._model._get_torch_save_params()[1]
+        parameters = dict(saved.parameters)
         try:
             for name in variables:
                 check_tensor(name, saved.variables[name], recursive_getattr(self._model, name))
-            check_finite(saved.parameters)
-            self._model.set_parameters(saved.parameters, exact_match=True)
-        except (ValueError, KeyError, RuntimeError, AttributeError, TypeError) as error:
+            for name, ours in before.items():
+                if isinstance(optimizer := recursive_getattr(self._model, name), torch.optim.Optimizer):
+                    parameters[name] = optimizer_state(name, parameters[name], optimizer)
+                else:
+                    for key, tensor in ours.items():
+                        check_tensor(f"{key} of {name}", parameters[name][key], tensor)
+            self._model.set_parameters(parameters, exact_match=True)
+        except (ValueError, KeyError, RuntimeError, AttributeError, TypeError, IndexError) as error:
             self._model.set_parameters(before)
             raise ValueError(
                 f"{path} holds {', '.join(sorted(saved.parameters))} that do not fit this learner, "

@@ -14,6 +14,8 @@ from ...base.observation import Array, Observation
 
 SENSORS = 8
 """Length of both sensor vectors, the gripper's and the object's."""
+FARTHEST = 1e4
+"""Of saved image points and registers, in any unit. Choice: no camera has more pixels."""
 
 
 class ReplayPairs(NamedTuple):
@@ -169,15 +171,15 @@ class Replay:
         Raises:
             ValueError: An array is missing, damaged or of another shape.
         """
-        sensors = checked_array(arrays, "sensors", (None, SENSORS))
-        registers = checked_array(arrays, "registers", (len(sensors), self._registers.shape[1]))
-        trials = checked_array(arrays, "trials", (len(sensors),)).astype(np.int64)
+        sensors = checked_array(arrays, "sensors", (None, SENSORS), most=FARTHEST)
+        registers = checked_array(
+            arrays, "registers", (len(sensors), self._registers.shape[1]), most=FARTHEST
+        )
+        trials = checked_array(arrays, "trials", (len(sensors),), least=0, whole=True).astype(np.int64)
         if (np.diff(trials) < 0).any():
             raise ValueError("the saved trials do not ascend")
-        doubtful = int(checked_array(arrays, "doubtful", ()))
-        if not 0 <= doubtful <= len(sensors):
-            raise ValueError(f"{doubtful} of {len(sensors)} saved observations are doubtful")
-        self.added = int(checked_array(arrays, "added", ()))
+        doubtful = int(checked_array(arrays, "doubtful", (), least=0, most=len(sensors), whole=True))
+        self.added = int(checked_array(arrays, "added", (), least=len(sensors), whole=True))
         self._sensors, self._registers, self._trials = sensors, registers, trials
         self._first, self._size, self._doubtful = 0, len(sensors), doubtful
 
@@ -224,6 +226,10 @@ class Perceptron:
 
     AVERAGING = 0.99
     """The average is over some 1 / (1 - 0.99) steps."""
+    MOST = 1e4
+    """Of a saved weight. Choice: trained ones are of the order of 1."""
+    MOST_ROOTS = 10.0
+    """Of a saved moment. Derived: by Adam's decays a first one is at most 7.3 roots of the second one."""
     MEAN_DECAY, SQUARE_DECAY, LEAST_ROOT = 0.9, 0.999, 1e-8
     """Of Adam, as its authors give them."""
 
@@ -307,10 +313,20 @@ class Perceptron:
         Raises:
             ValueError: An array is missing, damaged or of another shape.
         """
-        names = ("weights", "averaged", "first_moments", "second_moments")
-        vectors = [checked_array(arrays, name, self.weights.shape).astype(np.float32) for name in names]
-        self._steps = int(checked_array(arrays, "updates", ()))
-        self.weights, self.averaged, self._mean, self._square = vectors
+        shape = self.weights.shape
+        weights, averaged = (
+            checked_array(arrays, name, shape, most=self.MOST) for name in ("weights", "averaged")
+        )
+        mean = checked_array(arrays, "first_moments", shape)
+        square = checked_array(arrays, "second_moments", shape, least=0)
+        if (np.abs(mean) > self.MOST_ROOTS * (np.sqrt(square) + self.LEAST_ROOT)).any():
+            raise ValueError(
+                f"the saved first_moments are above {self.MOST_ROOTS:g} roots of second_moments; must be less"
+            )
+        self._steps = int(checked_array(arrays, "updates", (), least=0, whole=True))
+        self.weights, self.averaged, self._mean, self._square = (
+            each.astype(np.float32) for each in (weights, averaged, mean, square)
+        )
 
 
 def _silu(sums: Float32) -> tuple[Float32, Float32]:
@@ -473,8 +489,10 @@ class InverseModel:
         Raises:
             ValueError: An array is missing, damaged or of another shape.
         """
-        center = checked_array(arrays, "center", (SENSORS,))
-        image_scale = float(checked_array(arrays, "image_scale", ()))
+        center = checked_array(arrays, "center", (SENSORS,), most=FARTHEST)
+        image_scale = float(checked_array(arrays, "image_scale", (), least=0))
         register_scale = checked_array(arrays, "register_scale", (self.motors,))
+        if not register_scale.all():
+            raise ValueError("the saved register_scale hold 0; allowed: others, of which words are multiples")
         self._network.restore(arrays)
         self._center, self.image_scale, self.register_scale = center, image_scale, register_scale

@@ -305,9 +305,10 @@ class SelfSupervised(ProcedureAgent):
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        trials = int(checked_array(arrays, "trials", ()))
-        usual_error = float(checked_array(arrays, "usual_error", ()))
         self.replay.restore(under("replay", arrays))
+        latest = max(self.replay.trials, default=0)
+        trials = int(checked_array(arrays, "trials", (), least=latest, whole=True))
+        usual_error = float(checked_array(arrays, "usual_error", (), least=0))
         if self.detector:
             self.detector.restore(under("detector", arrays))
         self.model.restore(under("model", arrays))

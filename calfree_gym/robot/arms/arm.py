@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property, lru_cache
@@ -67,7 +67,7 @@ class Arm:
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
-        home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
+        home = tuple(sorted(self.home.items(), key=str)) if isinstance(self.home, Mapping) else self.home
         motors = None if self.motors is None else tuple(self.motors)
         model = _model(text, tuple(assets.items()), self.gripper, motors, home, self.base)
         settled = {
@@ -104,9 +104,10 @@ class Arm:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {what}")
         given: dict[str, Any] = dict(home) if isinstance(home, Mapping) else {}
         for joint, value in given.items():
-            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (number and abs(value) <= sys.float_info.max):
                 raise ValueError(
-                    f"home has {joint!r} at {value!r}; it must be a number, in rad or, for a slide, in m"
+                    f"home has {joint!r} at {value!r:.80}; it must be a number, in rad or, for a slide, in m"
                 )
 
     @property
@@ -123,10 +124,12 @@ class Arm:
         """The arm of a mapping of arguments, such as `to_dict` gives.
 
         Raises:
-            ValueError: An argument is unknown or missing, and what the class raises.
+            ValueError: It is no mapping; an argument is unknown or missing, and what the class raises.
         """
         names = [each.name for each in fields(cls)]
-        if unknown := sorted(values.keys() - set(names)):
+        if not isinstance(values, Mapping):
+            raise ValueError(f"an arm is {values!r:.200}; it must be a mapping of {', '.join(names)}")
+        if unknown := sorted(map(str, values.keys() - set(names))):
             raise ValueError(f"an arm has no {', '.join(unknown)}; allowed: {', '.join(names)}")
         if missing := [name for name in ("model", "gripper") if name not in values]:
             raise ValueError(f"an arm lacks {', '.join(missing)}")

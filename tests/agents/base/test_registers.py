@@ -138,7 +138,7 @@ def test_a_saved_agent_knows_its_encoders(tmp_path):
         ("resting", [np.nan], "not finite"),
         ("errors", ["0.1"], "of type <U3; they must be real numbers"),
         ("shares", [1j], "of type complex128"),
-        ("in_a_row", [[1e300, 0.0]], r"hold 1e\+300; at most 1e\+100 is allowed"),
+        ("in_a_row", [[1e300, 0.0]], r"hold 1e\+300; allowed: .* at most 1e\+100"),
     ],
 )
 def test_damaged_encoders_are_refused(name, value, said):

@@ -137,6 +137,8 @@ def test_what_is_neither_a_path_nor_a_binary_file_is_told(name, tmp_path):
         agent.save(tmp_path / "there" / "agent")
     with pytest.raises(FileNotFoundError, match="nowhere: there is no such file"):
         agent.load(tmp_path / "nowhere")
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        agent.load("no\0where")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -214,7 +216,7 @@ def test_what_is_damaged_or_no_agent_is_told_without_the_words_of_libraries(monk
 
 
 def test_a_file_is_written_whole_or_not_at_all_and_through_no_link(tmp_path):
-    """Nothing beside it has a name that anybody could foresee; its mode is that of any file."""
+    """Nothing beside it has a name that anybody could foresee; its mode is that of any file, or stays."""
     (tmp_path / "other").write_text("stays")
     for name in ("agent.npz.partial", "agent.npz.part"):
         (tmp_path / name).symlink_to("other")
@@ -227,7 +229,31 @@ def test_a_file_is_written_whole_or_not_at_all_and_through_no_link(tmp_path):
     assert (tmp_path / "agent.npz").read_text() == "after"
     assert (tmp_path / "agent.npz").stat().st_mode == (tmp_path / "other").stat().st_mode
     assert (tmp_path / "other").read_text() == "stays"
-    assert len(list(tmp_path.iterdir())) == 4
+    (tmp_path / "agent.npz").chmod(0o600)
+    (tmp_path / "link").symlink_to("other")
+    for name in ("agent.npz", "link"):
+        with files.whole(tmp_path / name) as file:
+            file.write(b"again")
+    assert (tmp_path / "agent.npz").stat().st_mode & 0o777 == 0o600
+    assert (tmp_path / "other").read_text() == "stays"
+    assert not (tmp_path / "link").is_symlink()
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_what_would_have_to_be_pickled_is_not_written(tmp_path):
+    (tmp_path / "agent.npz").write_bytes(b"before")
+    with pytest.raises(TypeError, match=r"trials is array\(\[1000.*; allowed: an array of plain numbers"):
+        storage.save(tmp_path / "agent.npz", "kind", {"trials": np.array([10**30])}, 0, 3)
+    assert (tmp_path / "agent.npz").read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("name", ["memory", "recurrent_servo", "sac"])
+def test_an_agent_is_saved_where_a_link_leads(name, tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("folder/agent")
+    make(name)[0].save(tmp_path / "link")
+    assert (tmp_path / "link").is_symlink()
+    assert make(name)[0].load(tmp_path / "folder/agent").num_timesteps == 0
 
 
 @pytest.mark.parametrize("name", ["memory", "unified_servo", "random"])

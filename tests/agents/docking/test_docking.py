@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base import storage
 from agents.docking.servo import DockingTrial
 from tests.agents.docking.robot import Robot
 from tests.agents.trials import carry_out
@@ -123,3 +124,10 @@ def test_arcs_docks_by_both_cameras_where_the_robot_has_two():
     dock.reset(seed=8000)
     agent.learn(150)
     assert sum(agent.env.length_queue) / len(agent.env.length_queue) < 20
+
+
+def test_test_words_that_move_nothing_are_refused(tmp_path):
+    agent = agents.make("commuting_servo", Robot(23))
+    storage.save(tmp_path / "agent.npz", agent.kind, agent.arrays() | {"words": np.array([0.0, 0.1])}, 0, 2)
+    with pytest.raises(ValueError, match="damaged: the saved words hold 0; allowed"):
+        agent.load(tmp_path / "agent.npz")

@@ -62,7 +62,13 @@ def test_what_unpacks_too_much_inside_a_zip_is_refused(tmp_path, monkeypatch):
         for name, content in (entries | {tensors: larger.getvalue()}).items():
             archive.writestr(name, content)
     monkeypatch.setattr(files, "MOST_BYTES", 10_000_000)
-    with pytest.raises(ValueError, match=rf"{tensors} in .* is damaged.* bytes unpacked; allowed: 10000000"):
+    with pytest.raises(ValueError, match=r"is damaged.* bytes unpacked; allowed: 10000000"):
+        make().load(tmp_path / "sac.zip")
+    monkeypatch.setattr(files, "MOST_BYTES", 15_000_000)
+    make().load(tmp_path / "sac.zip")
+    with zipfile.ZipFile(tmp_path / "sac.zip", "a") as archive:
+        archive.writestr("second.pth", larger.getvalue())
+    with pytest.raises(ValueError, match=r"is damaged.* bytes unpacked; allowed: 15000000"):
         make().load(tmp_path / "sac.zip")
 
 
@@ -135,6 +141,14 @@ def altered(path, header=None, parameters=None, variables=None):
         archive.writestr("parameters.pt", content.getvalue())
 
 
+STATE = {"step": 1, "exp_avg": torch.zeros(16), "exp_avg_sq": torch.zeros(16)}
+"""Of an optimizer, for the biases of a layer of 16."""
+
+
+def states(state, parameter=1):
+    return {"parameters": {"actor.optimizer": {"state": {parameter: state}}}}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -147,7 +161,15 @@ def altered(path, header=None, parameters=None, variables=None):
         ({"header": {"about": None}}, "damaged: .*about is None"),
         ({"parameters": {3: {}}}, "damaged: parameters are .*mapping of names"),
         ({"parameters": {"policy": {"x": torch.zeros(1)}}}, "do not fit this learner"),
-        ({"parameters": {"policy": {"x": torch.full((1,), torch.nan)}}}, "not finite"),
+        (states({}), "state of parameter 1 in actor.optimizer has ; it must have step, exp_avg, exp_avg_sq"),
+        (states({**STATE, "more": 1}), "has step, exp_avg, exp_avg_sq, more; it must have step, exp_avg"),
+        (states(STATE, 99), "parameter 99 in actor.optimizer has step, .*; it must have $"),
+        (states({**STATE, "exp_avg": torch.zeros(1)}), r"exp_avg of .* is tensor.* of torch.Size\(\[16"),
+        (states({**STATE, "exp_avg": torch.zeros(16, dtype=int)}), "exp_avg of .* must be finite, torch.fl"),
+        (states({**STATE, "exp_avg_sq": -torch.ones(16)}), "exp_avg_sq of .* has -1; it must be 0 or more"),
+        (states({**STATE, "step": torch.zeros(2)}), r"step of .* it must be finite, .* of torch.Size\(\[\]"),
+        (states({**STATE, "step": -1}), "step of .* has -1; it must be 0 or more"),
+        (states({**STATE, "step": float("nan")}), "step of .* it must be finite"),
         ({"variables": {"log_ent_coef": torch.zeros(7)}}, "log_ent_coef is tensor.*it must be finite"),
         ({"variables": {"log_ent_coef": torch.full((1,), torch.nan)}}, "log_ent_coef is tensor"),
         ({"variables": {"log_ent_coef": 3}}, "log_ent_coef is 3"),
@@ -166,6 +188,36 @@ def test_an_altered_file_is_told_and_changes_nothing(tmp_path, change, message):
     assert torch.equal(before, weights(agent))
     assert torch.equal(coefficient, agent._model.log_ent_coef)
     assert agent.num_timesteps == 0
+
+
+def test_weights_that_are_not_finite_are_refused(tmp_path):
+    broken, agent = make(), make()
+    with torch.no_grad():
+        next(broken._model.policy.actor.parameters())[:] = torch.nan
+    broken.save(tmp_path / "sac.zip")
+    with pytest.raises(ValueError, match=r"weight of policy is tensor.* it must be finite"):
+        agent.load(tmp_path / "sac.zip")
+    assert torch.isfinite(weights(agent)).all()
+
+
+@pytest.mark.parametrize("name", ["sac", "ppo", "td3", "crossq", "recurrent_ppo"])
+def test_of_an_optimizer_what_it_has_seen_is_loaded_and_settings_stay(name, tmp_path):
+    trained, agent, path = make(name).learn(120), make(name), tmp_path / "agent.zip"
+    trained.save(path)
+    kept = {key: each for key, each in trained._model.get_parameters().items() if "optimizer" in key}
+    settings = {key: agent._model.get_parameters()[key]["param_groups"] for key in kept}
+    strange = {"lr": float("nan"), "betas": 5, "foreach": "x"}
+    altered(path, parameters={key: {**each, "param_groups": [strange]} for key, each in kept.items()})
+    agent.load(path)
+    for key, each in kept.items():
+        found = agent._model.get_parameters()[key]
+        assert found["param_groups"] == settings[key]
+        assert found["state"].keys() == each["state"].keys()
+        for number, state in each["state"].items():
+            for what, value in state.items():
+                assert torch.equal(torch.as_tensor(found["state"][number][what]), torch.as_tensor(value))
+    assert any(each["state"] for each in kept.values())
+    assert torch.isfinite(weights(agent.learn(120))).all()
 
 
 def test_who_loads_forgets_the_motions_of_the_life_before(tmp_path):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base import storage
 from agents.servo.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
 
@@ -82,3 +83,22 @@ def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, name, setting
     again.save(tmp_path / "servo.npz")
     found = fresh.load(tmp_path / "servo.npz").slopes.registers
     np.testing.assert_array_equal(found, [0.1, -0.2, 0.3], "over other procedures it does not begin at home")
+
+
+def test_slopes_that_no_life_leaves_are_refused(live, make_env, tmp_path):
+    agent, _ = live("unified_servo", make_env(), 3, trials=2)
+    kept = agent.arrays()
+    for name, bad, said in (
+        ("jacobian", np.full((8, 3), 2.0**62), "4\\.61169e\\+18; allowed: .* at most 1e\\+06"),
+        ("slope_registers", np.full(3, 1e300), "1e\\+300; allowed"),
+        ("slope_variances", -np.abs(kept["slope_variances"]) - 1, "are no covariances"),
+        ("slope_variances", kept["slope_variances"] + np.arange(3), "are no covariances"),
+        ("slope_changes", -kept["slope_changes"] - 1, "allowed: numbers, 0 or more, at most"),
+        ("slope_trials", np.array([1e300]), "allowed: whole numbers, 0 or more, at most"),
+        ("slope_trials", np.array([1.5]), "1.5; allowed: whole numbers"),
+        ("smooth_lengths", np.zeros((2, 3)), "0; allowed: numbers, above 0, at most"),
+        ("smooth_looks", np.zeros(2), "0; allowed: numbers, above 0, at most"),
+    ):
+        storage.save(tmp_path / "bad.npz", agent.kind, kept | {name: bad}, 80, 3)
+        with pytest.raises(ValueError, match=f"damaged: the saved {name} .*{said}"):
+            agent.load(tmp_path / "bad.npz")

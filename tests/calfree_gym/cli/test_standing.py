@@ -3,6 +3,7 @@
 import base64
 import http.client
 import importlib.util
+import os
 import re
 import socket
 import sys
@@ -414,3 +415,17 @@ def test_after_ctrl_c_the_arm_holds_and_the_report_is_written(run, power):
     assert code == 130
     assert "KeyboardInterrupt" in page
     assert power.read_text() == "on"
+
+
+def test_a_report_and_a_film_that_cannot_be_written_leave_those_before(run, tmp_path, monkeypatch):
+    def full_disk(file):
+        raise OSError("no space left")
+
+    run()
+    before = {name: (tmp_path / name).read_bytes() for name in ("report.html", "film.webp")}
+    monkeypatch.setattr(os, "fsync", full_disk)
+    run("--reaches=2")
+    monkeypatch.setattr(command, "write_report", lambda *given: None)
+    run("--reaches=2")
+    for name, content in before.items():
+        assert (tmp_path / name).read_bytes() == content

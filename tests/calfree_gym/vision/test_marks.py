@@ -1,5 +1,6 @@
 """Marks as values, dicts and files, and as learned from one's own picture."""
 
+import os
 import re
 import sys
 
@@ -36,6 +37,23 @@ def test_dicts_and_files_give_the_same_marks_back(tmp_path):
     marks.save(tmp_path / "marks.yaml")
     assert Marks.load(tmp_path / "marks.yaml") == marks
     assert "rgb: [230, 20, 30]" in (tmp_path / "marks.yaml").read_text()
+
+
+def full_disk(file):
+    raise OSError("no space left")
+
+
+def test_a_file_stays_as_it_is_where_it_cannot_be_written_and_is_written_where_a_link_leads(
+    tmp_path, monkeypatch
+):
+    file, link = tmp_path / "marks.yaml", tmp_path / "link"
+    link.symlink_to(file)
+    Marks(object=CYAN).save(link)
+    assert link.is_symlink()
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(OSError, match="no space left"):
+        Marks().save(file)
+    assert Marks.load(file).object == CYAN
 
 
 def test_a_missing_mark_is_its_default_or_one_that_is_like_no_other():
@@ -224,11 +242,15 @@ def test_boxes_and_colours_that_cannot_be_are_refused(picture, capsys, rgb, wher
     assert not (picture.parent / "marks.yaml").exists()
 
 
-def test_a_colour_like_another_marks_is_refused_and_the_file_stays(picture, capsys):
+def test_what_cannot_be_learned_or_written_leaves_the_file_as_it_is(picture, capsys, monkeypatch):
     assert pick(picture, "object") == 0
     before = (picture.parent / "marks.yaml").read_text()
     assert pick(picture, "gripper_1", where=" ".join(box("object"))) == 2
     assert "marks gripper_1 and object are too like each other" in capsys.readouterr().err
+    assert (picture.parent / "marks.yaml").read_text() == before
+    monkeypatch.setattr(os, "fsync", full_disk)
+    assert pick(picture, "gripper_1") == 2
+    assert "no space left" in capsys.readouterr().err
     assert (picture.parent / "marks.yaml").read_text() == before
 
 

@@ -1,5 +1,6 @@
 """Printed tags, on drawn frames and on the page that is printed, against geometry of our own."""
 
+import os
 import re
 from pathlib import Path
 
@@ -153,6 +154,17 @@ def test_another_paper_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"paper is 'A5'.*allowed: A4, Letter"):
         print_tags(tmp_path / "tags.pdf", "A5")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_that_cannot_be_written_leaves_the_file_as_it_is(tmp_path, monkeypatch):
+    def full_disk(file):
+        raise OSError("no space left")
+
+    (tmp_path / "tags.pdf").write_bytes(b"before")
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(OSError, match="no space left"):
+        print_tags(tmp_path / "tags.pdf")
+    assert (tmp_path / "tags.pdf").read_bytes() == b"before"
 
 
 @pytest.mark.slow

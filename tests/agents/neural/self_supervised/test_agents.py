@@ -149,9 +149,19 @@ def test_a_file_of_other_settings_or_damaged_is_refused(linear, tmp_path):
         ("model/weights", arrays["model/weights"][:-1]),
         ("model/averaged", arrays["model/averaged"] * np.nan),
         ("detector/errors", np.zeros((2, 2))),
+        ("model/weights", np.full(arrays["model/weights"].shape, 1e300)),
+        ("model/averaged", np.full(arrays["model/averaged"].shape, 1e300)),
+        ("model/center", np.full(8, 1e300)),
+        ("model/first_moments", arrays["model/first_moments"] + 1.0),
+        ("model/second_moments", -arrays["model/second_moments"] - 1.0),
+        ("model/updates", np.array(-1.0)),
+        ("model/image_scale", np.array(1e300)),
+        ("model/register_scale", np.zeros(3)),
+        ("usual_error", np.array(1e300)),
+        ("trials", arrays["trials"] - 1),
     ):
         np.savez(tmp_path / "damaged.npz", **{**arrays, name: bad})
-        with pytest.raises(ValueError, match=f"damaged.*{name.split('/')[1]}"):
+        with pytest.raises(ValueError, match=f"damaged.*{name.split('/')[-1]}"):
             agent.load(tmp_path / "damaged.npz")
     for key, array in agent.arrays().items():
         np.testing.assert_array_equal(before[key], array, key)

@@ -91,8 +91,11 @@ def test_saved_and_restored_it_draws_alike():
         ("sensors", np.zeros((60, 7)), "sensors have shape"),
         ("registers", np.zeros((60, 3)), "registers have shape"),
         ("trials", np.arange(60)[::-1], "do not ascend"),
-        ("doubtful", np.array(99), "99 of 60"),
+        ("doubtful", np.array(99), "doubtful hold 99; allowed: whole numbers, 0 or more, at most 60"),
         ("registers", np.full((60, 2), np.nan), "not finite"),
+        ("registers", np.full((60, 2), 1e300), "registers hold"),
+        ("trials", np.full(60, 1e300), "trials hold"),
+        ("added", np.array(59), "added hold 59"),
     ):
         with pytest.raises(ValueError, match=why):
             again.restore({**arrays, name: bad})

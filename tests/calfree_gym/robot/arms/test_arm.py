@@ -127,6 +127,17 @@ def test_from_dict_names_what_is_unknown_and_what_is_missing():
         Arm.from_dict({"model": "a.xml", "grip": "tip"})
     with pytest.raises(ValueError, match="an arm lacks gripper"):
         Arm.from_dict({"model": "a.xml"})
+    for none in ([1], None, "a.xml"):
+        with pytest.raises(ValueError, match=r"an arm is .*; it must be a mapping of model, gripper, motors"):
+            Arm.from_dict(none)
+    with pytest.raises(ValueError, match="an arm has no 5, grip; allowed: model"):
+        Arm.from_dict({"grip": 1, 5: 1})
+    for home, said in (
+        ({"elbow_flex": 10**400}, "home has 'elbow_flex' at 1000.*; it must be a number"),
+        ({"elbow_flex": 0.1, 5: 0.1}, "home names 5; the arm's hinges and slides are"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Arm(**ARMS["gripper"] | {"home": home})
 
 
 def wide(joint):
