@@ -32,6 +32,10 @@ def whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(place)
+    except OSError as error:
+        if error.filename == str(partial):
+            error.filename = str(place)
+        raise
     finally:
         partial.unlink(missing_ok=True)
 
