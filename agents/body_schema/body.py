@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -198,7 +199,8 @@ class Body:
     STARTS, GO_ON_WITH = 8, 3
     """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
     GUESSES = 3
-    """That is first done for so many guesses of which motors move the cameras, then for all. Choice."""
+    """That is done for so many guesses of which motors move the cameras. Where none explained what was seen, for
+    all: from about as many arms together, and on from the best of each guess. Choice."""
     MORE = 1.3
     """And again once so many times as much was seen. Choice, between time and motions."""
     COARSE, COARSE_OUTLYING, COARSE_STEPS = 30.0, 5.0, 25
@@ -300,17 +302,21 @@ class Body:
         """Seeks from nothing what explains it, unless as much was sought not long ago."""
         if len(seen) < self.MORE * self._searched:
             return
-        guesses = likely_mounts(seen, None if self._searched else self.GUESSES)
+        again = self._searched > 0
+        guesses = likely_mounts(seen, None if again else self.GUESSES)
         self._searched = len(seen)
         random = np.random.default_rng((self._seed, self.trials))
         found = [] if self.known is None else [self._refitted(self.known, seen)]
+        starts, go_on_with = self.STARTS, self.GO_ON_WITH
+        if again:
+            starts, go_on_with = math.ceil(self.STARTS * self.GUESSES / len(guesses)), 1
         for mounts in guesses:
             chain = JointChain(self.motors, mounts)
             before = Gaussian.of_any(chain)
             fit = Fit(chain, seen, before)
-            starts = random_starts(chain, before.mean, self.STARTS, random)
-            coarse = fit(starts, self.COARSE_STEPS, self.COARSE, self.COARSE_OUTLYING)
-            best = sorted(coarse, key=lambda each: rounded(each.cost))[: self.GO_ON_WITH]
+            drawn = random_starts(chain, before.mean, starts, random)
+            coarse = fit(drawn, self.COARSE_STEPS, self.COARSE, self.COARSE_OUTLYING)
+            best = sorted(coarse, key=lambda each: rounded(each.cost))[:go_on_with]
             fine = fit(np.array([each.numbers for each in best]), self.STEPS)
             found.append(Known(chain, before, seen, min(fine, key=lambda each: rounded(each.cost))))
         self.known = max(found, key=lambda each: rounded(each.evidence))
