@@ -199,8 +199,8 @@ class Body:
     STARTS, GO_ON_WITH = 8, 3
     """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
     GUESSES = 3
-    """That is done for so many guesses of which motors move the cameras. Where none explained what was seen, for
-    all: from about as many arms together, and on from the best of each guess. Choice."""
+    """That is done for so many guesses of which motors move the cameras. Where none explained what was seen,
+    for all: from about as many arms together, and on from the best of each guess. Choice."""
     MORE = 1.3
     """And again once so many times as much was seen. Choice, between time and motions."""
     COARSE, COARSE_OUTLYING, COARSE_STEPS = 30.0, 5.0, 25
