@@ -83,7 +83,7 @@ class Simulation(OfWorlds, ABC):
         self._scene = scene
         self._qpos, self._ctrl = columns(scene.qpos), columns(scene.actuators)
         self._speeds = robot.speeds
-        homes = [robot.home_frames[mount] for mount in mounts]
+        homes = [robot.home_frame(mount) for mount in mounts]
         self._mounts = [(position, axes, quaternion_of(axes)) for position, axes in homes]
         self._all_qpos[:], self._all_ctrl[:] = scene.home, scene.ctrl
 

@@ -81,7 +81,7 @@ class Furniture:
         """Table and walls; in front of the arm, and at its sides."""
         robot, up = self._robot, np.array([0.0, 0.0, 1.0])
         points = places(robot)
-        scale, base = robot.rig.scale, robot.home_frames[robot.bodies[0]][0]
+        scale, base = robot.rig.scale, robot.home_frame(robot.bodies[0])[0]
         ahead = (robot.rig.target - base) * [1, 1, 0]
         far = float(np.linalg.norm(ahead))
         ahead = ahead / far if far > 0.1 * scale * GAP else np.array([1.0, 0.0, 0.0])

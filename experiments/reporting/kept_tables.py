@@ -186,6 +186,9 @@ def page_of(measured: Path, title: str) -> str:
     parts = [f"# {title}", f"Code of commit {commit}."]
     if (figure := measured.with_suffix(".png")).exists():
         parts.append(f"![{measured.stem}]({figure.name})")
-    for table in tables:
-        parts += [f"## {table.title}", *tables_markdown([table])]
+    try:
+        for table in tables:
+            parts += [f"## {table.title}", *tables_markdown([table])]
+    except ValueError as error:
+        raise ConfigError(f"{measured} is damaged or no kept result: {error!r}") from None
     return without_tags("\n\n".join(parts)) + "\n"

@@ -76,15 +76,9 @@ class Table:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` returned.
-
-        Raises:
-            ValueError: A column cannot be written by its format.
-        """
+        """What `to_dict` returned."""
         frame = pd.DataFrame(data["rows"], columns=data["columns"], dtype=object)
-        table = cls(data["name"], data["title"], frame, data["formats"], data["note"])
-        table.markdown()
-        return table
+        return cls(data["name"], data["title"], frame, data["formats"], data["note"])
 
 
 def narrow(table: Table) -> list[Table]:

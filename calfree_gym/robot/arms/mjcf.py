@@ -36,6 +36,7 @@ _KINDS = {
 _TAKES_FROM_OTHERS = re.compile(r"<(include|model|flexcomp)\b")
 """Elements whose files become part of the model's text."""
 _MAY_TAKE = re.compile(r"<\s*(include|model|flexcomp)\b", re.IGNORECASE)
+"""The same in any spelling that MuJoCo reads."""
 _FILE = re.compile(r"""\bfile\s*=\s*(?=(["'])([^\0]{1,4096}?)\1)""")
 """What names a file, also in what looks like a comment: in a quote it would be none."""
 
@@ -122,7 +123,7 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
             raise ValueError(f"{path}: there is no such MJCF file")
         what, folder, text = str(path), path.parent, path.read_text(errors="replace")
     _check_circles(what, text, folder)
-    _check_it_ends(what, str(source))
+    _check_it_ends(what, text)
     try:
         if what == TEXT:
             return mujoco.MjSpec.from_string(text), what, folder
@@ -154,15 +155,14 @@ _READS = (
 )
 
 
-def _check_it_ends(what: str, source: str) -> None:
+def _check_it_ends(what: str, text: str) -> None:
     """Raises ValueError where MuJoCo would crash all the same: a process of its own tries it.
 
     Only where a model may take something from others: else MuJoCo says what is wrong.
     """
-    path, text = ("", source) if what == TEXT else (source, Path(source).read_text(errors="replace"))
     if not _MAY_TAKE.search(text):
         return
-    command = [sys.executable, "-c", _READS, path]
+    command = [sys.executable, "-c", _READS, "" if what == TEXT else what]
     tried = subprocess.run(command, input=text, capture_output=True, text=True, errors="replace")
     if tried.returncode < 0:
         raise ValueError(f"{what} crashes MuJoCo, as a model does that is made of itself")

@@ -144,7 +144,7 @@ class ArmModel(Robot):
 
     def room_moved_with(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """See `Robot`."""
-        home, axes = self.home_frames[body]
+        home, axes = self.home_frame(body)
         chain, room_at_home = self._chain(self.parts.bodies.index(body)), transform(axes.T, -axes.T @ home)
         return chain.frames(angles, lengths / self.lengths, room_at_home)
 

@@ -140,15 +140,20 @@ class Robot(ABC):
     def frames(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """Position (..., 3) in m and axes as columns (..., 3, 3) of a body, in the room."""
 
+    def home_frame(self, body: str) -> tuple[Array, Array]:
+        """The same (3,) and (3, 3), at home as built."""
+        if body not in self._home_frames:
+            self._home_frames[body] = self.frames(body, self.built_home, self.lengths)
+        return self._home_frames[body]
+
     @cached_property
-    def home_frames(self) -> dict[str, tuple[Array, Array]]:
-        """The same (3,) and (3, 3), of every body and of the room, at home as built."""
-        frames = {body: self.frames(body, self.built_home, self.lengths) for body in self.bodies}
-        return {ROOM: (np.zeros(3), np.eye(3)), **frames}
+    def _home_frames(self) -> dict[str, tuple[Array, Array]]:
+        """Those that were asked for, and the room's."""
+        return {ROOM: (np.zeros(3), np.eye(3))}
 
     def room_moved_with(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """Origin (..., 3) and axes as columns (..., 3, 3) of the room, had it moved with a body."""
-        (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frames[body]
+        (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frame(body)
         turned = axes @ home_axes.T
         return position - turned @ home, turned
 
