@@ -1,4 +1,4 @@
-"""`python -m tests.soak [--hours 2]`: what loops, for hours on two cores. Does memory grow, is anything lost?
+"""`python -m tests.soak [--hours 4]`: what loops, for hours on two cores. Does memory grow, is anything lost?
 
 Agents live on in worlds that change, rows of images are drawn, and a runner is killed at random until its
 results are whole, which must be those of a runner that was left alone.
@@ -11,7 +11,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
@@ -37,7 +36,7 @@ class Found(NamedTuple):
 
     Attributes:
         done: In words.
-        hours: When its process was looked at.
+        hours: Of a core, when its process was looked at.
         megabytes: What that held in memory then.
     """
 
@@ -47,7 +46,7 @@ class Found(NamedTuple):
 
     @property
     def growth(self) -> str:
-        """Megabytes an hour in the second half, with a 95 % interval (Theil 1950, Sen 1968)."""
+        """Megabytes an hour of a core in the second half, with a 95 % interval (Theil 1950, Sen 1968)."""
         half = len(self.hours) // 2
         if len(self.hours) - half < 3:
             return "–"
@@ -58,12 +57,15 @@ class Found(NamedTuple):
 def repeated(
     seconds: float, some: Callable[[], object], enough: Callable[[], bool] = lambda: True
 ) -> list[list[float]]:
-    """Does it again and again until the time is over and it is enough: hours, and megabytes after each."""
-    process, begun = psutil.Process(), time.monotonic()
+    """Does it again and again until the time is used and it is enough: hours, and megabytes after each.
+
+    The time is what this process and those that it began have had of a core.
+    """
+    process = psutil.Process()
     looks: list[list[float]] = [[], []]
     while not looks[0] or looks[0][-1] * 3600 < seconds or not enough():
         some()
-        looks[0].append((time.monotonic() - begun) / 3600)
+        looks[0].append(sum(process.cpu_times()[:4]) / 3600)
         looks[1].append(process.memory_info().rss / 2**20)
     return looks
 
@@ -108,17 +110,19 @@ TASKS = [*((life, name) for name in LIVES), (images, f"{ROWS} rows of images"), 
 def main() -> None:
     """Shares the time among the tasks, on two cores."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
-    parser.add_argument("--hours", type=float, default=2.0, help="of the clock, for all tasks together")
-    seconds = parser.parse_args().hours * 3600 * CORES / len(TASKS)
+    parser.add_argument("--hours", type=float, default=4.0, help="of a core, for all tasks together")
+    seconds = parser.parse_args().hours * 3600 / len(TASKS)
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(CORES, spawn, max_tasks_per_child=1) as pool:
         running = [(name, pool.submit(task, name, seconds)) for task, name in TASKS]
-        print("| what | done | MB at first, at last | MB an hour, second half |\n| --- | --- | --- | --- |")
+        print("| what | done | hours | MB at first, at last | MB an hour, second half |")
+        print("| --- | --- | --- | --- | --- |")
         for name, future in running:
             found = future.result()
             memory = f"{found.megabytes[0]:.0f}, {found.megabytes[-1]:.0f}"
-            print(f"| {name} | {found.done} | {memory} | {found.growth} |", flush=True)
+            hours = f"{found.hours[-1]:.2f}"
+            print(f"| {name} | {found.done} | {hours} | {memory} | {found.growth} |", flush=True)
 
 
 if __name__ == "__main__":
