@@ -20,35 +20,46 @@ _SMALL = 1e-2
 
 def rotation(vector: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
-    return rotation_and_jacobian(vector)[0]
+    return Turns(vector).rotation
 
 
-def rotation_and_jacobian(vector: Array) -> tuple[Array, Array]:
-    """Rotation matrices R (..., 3, 3), and their left Jacobians V: with the vector, R x turns by V d(vector).
+class Turns:
+    """What rotation vectors do.
 
     Source: Solà, Deray & Atchuthan 2018, "A micro Lie theory", equations 134 and 145.
+
+    Attributes:
+        rotation: Rotation matrices R (..., 3, 3).
+        jacobian: Their left Jacobians V (..., 3, 3): with the vector, R x turns by V d(vector).
+
+    Args:
+        vector: Rotation vectors (..., 3).
     """
-    cross, (first, second, third) = cross_matrix(vector), _factors(vector)
-    squared = cross @ cross
-    unit = np.eye(3)
-    return unit + first * cross + second * squared, unit + second * cross + third * squared
 
+    def __init__(self, vector: Array) -> None:
+        self._vector, self._cross, self._factors = vector, cross_matrix(vector), _factors(vector)
+        squared, unit, (first, second, third) = self._cross @ self._cross, np.eye(3), self._factors
+        self.rotation = unit + first * self._cross + second * squared
+        self.jacobian = unit + second * self._cross + third * squared
 
-def jacobian_derivative(vector: Array, slide: Array) -> Array:
-    """Of V u (..., 3, 3) by the rotation vectors (..., 3), for vectors u (..., 3)."""
-    first, second, third = _factors(vector)
-    squares = _squares(vector)
-    small = squares < _SMALL
-    some = np.where(small, 1.0, squares)
-    second_slope = np.where(small, -1 / 12 + squares / 180 - squares**2 / 6720, (first - 2 * second) / some)
-    third_slope = np.where(small, -1 / 60 + squares / 1260 - squares**2 / 60480, (second - 3 * third) / some)
-    cross = cross_matrix(vector)
-    once = turned(cross, slide)
-    twice = turned(cross, once)
-    along = (vector * slide).sum(-1)[..., None, None]
-    of_twice = along * np.eye(3) + _outer(vector, slide) - 2 * _outer(slide, vector)
-    growing = _outer(second_slope[..., 0] * once + third_slope[..., 0] * twice, vector)
-    return np.asarray(growing - second * cross_matrix(slide) + third * of_twice)
+    def jacobian_derivative(self, slide: Array) -> Array:
+        """Of V u (..., 3, 3) by the rotation vectors, for vectors u (..., 3)."""
+        vector, cross, (first, second, third) = self._vector, self._cross, self._factors
+        squares = _squares(vector)
+        small = squares < _SMALL
+        some = np.where(small, 1.0, squares)
+        second_slope = np.where(
+            small, -1 / 12 + squares / 180 - squares**2 / 6720, (first - 2 * second) / some
+        )
+        third_slope = np.where(
+            small, -1 / 60 + squares / 1260 - squares**2 / 60480, (second - 3 * third) / some
+        )
+        once = turned(cross, slide)
+        twice = turned(cross, once)
+        along = (vector * slide).sum(-1)[..., None, None]
+        of_twice = along * np.eye(3) + _outer(vector, slide) - 2 * _outer(slide, vector)
+        growing = _outer(second_slope[..., 0] * once + third_slope[..., 0] * twice, vector)
+        return np.asarray(growing - second * cross_matrix(slide) + third * of_twice)
 
 
 def cross_matrix(vector: Array) -> Array:
@@ -76,17 +87,11 @@ def _squares(vector: Array) -> Array:
 def _factors(vector: Array) -> tuple[Array, Array, Array]:
     """Sin a / a, (1 - cos a) / a², (a - sin a) / a³ (..., 1, 1) for angles a."""
     squares = _squares(vector)
+    turns = np.sqrt(squares) / (2 * np.pi)
+    first, second = np.sinc(2 * turns), np.sinc(turns) ** 2 / 2
     small = squares < _SMALL
-    some = np.where(small, 1.0, squares)
-    angles = np.sqrt(some)
-    first, second = np.sin(angles) / angles, (1 - np.cos(angles)) / some
-    if not small.any():
-        return first, second, (1 - first) / some
-    return (
-        np.where(small, 1 - squares / 6 * (1 - squares / 20 * (1 - squares / 42)), first),
-        np.where(small, (1 - squares / 12 * (1 - squares / 30 * (1 - squares / 56))) / 2, second),
-        np.where(small, (1 - squares / 20 * (1 - squares / 42 * (1 - squares / 72))) / 6, (1 - first) / some),
-    )
+    series = (1 - squares / 20 * (1 - squares / 42 * (1 - squares / 72))) / 6
+    return first, second, np.where(small, series, (1 - first) / np.where(small, 1.0, squares))
 
 
 CAMERA = 8
@@ -117,7 +122,8 @@ class Projection:
 
     def __init__(self, cameras: Array, places: Array) -> None:
         self._cameras, self._focal = cameras, np.exp(cameras[..., :1])
-        self._turns, self._jacobians = rotation_and_jacobian(cameras[..., TURN])
+        turns = Turns(cameras[..., TURN])
+        self._turns, self._jacobians = turns.rotation, turns.jacobian
         self._before = turned(self._turns, places - cameras[..., PLACE])
         self._flat = self._before[..., :2] / np.maximum(self._before[..., 2:], NEAREST)
         self._by_lens = self._focal * self._flat * _squared(self._flat)
@@ -166,7 +172,8 @@ class Triangulation:
         self._ahead = np.concatenate([self._flat, np.ones_like(self._flat[..., :1])], -1)
         self._lengths = _squared(self._ahead)[..., None]
         self._off_ray = np.eye(3) - self._ahead[..., :, None] * self._ahead[..., None, :] / self._lengths
-        self._turns, self._jacobians = rotation_and_jacobian(numbers[..., TURN])
+        turns = Turns(numbers[..., TURN])
+        self._turns, self._jacobians = turns.rotation, turns.jacobian
         self._backs = self._turns.swapaxes(-1, -2)
         curved = self._backs @ self._off_ray @ self._turns
         self._curved = curved.sum(0) + PARALLEL * np.eye(3)
@@ -232,9 +239,9 @@ class Twists:
         self._square, self._cube = joints[..., 7], joints[..., 8]
         by = joints[..., 6] + registers + self._square * registers**2 + self._cube * registers**3
         self._by = by[..., None]
-        self._turn, self._slide = self._axes * self._by, self._ways * self._by
-        self.turns, self._jacobian = rotation_and_jacobian(self._turn)
-        self.shifts = turned(self._jacobian, self._slide)
+        self._turns, self._slide = Turns(self._axes * self._by), self._ways * self._by
+        self.turns = self._turns.rotation
+        self.shifts = turned(self._turns.jacobian, self._slide)
 
     def by_registers(self, places: Array) -> Array:
         """Derivatives of R x + s by registers (..., 3, 1), where R x is at `places` (..., 3)."""
@@ -244,8 +251,9 @@ class Twists:
     def by_numbers(self, places: Array) -> Array:
         """By the joints' numbers (..., 3, 9)."""
         by, registers = self._by[..., None], self._registers
-        by_axis = by * (jacobian_derivative(self._turn, self._slide) - cross_matrix(places) @ self._jacobian)
-        by_way, further = by * self._jacobian, self._further(places)
+        jacobian = self._turns.jacobian
+        by_axis = by * (self._turns.jacobian_derivative(self._slide) - cross_matrix(places) @ jacobian)
+        by_way, further = by * jacobian, self._further(places)
         powers = np.stack([np.ones_like(registers), registers**2, registers**3], -1)[..., None, :]
         return np.concatenate([by_axis, by_way, further[..., None] * powers], -1)
 

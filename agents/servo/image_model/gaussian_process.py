@@ -62,18 +62,37 @@ class Expected(NamedTuple):
     """What should be seen of some points at one place, or at several, where these have more axes.
 
     Attributes:
-        points: Their image points (..., p, 2), in image units.
-        variances: Of their coordinates (..., p).
-        slopes: Of the points by registers (..., p, 2, m).
-        slope_variances: Covariances of such slopes (..., p, m, m).
-        variance_slopes: Derivatives of `variances` by registers (..., p, m).
+        values: Image coordinates of the points, in image units, and their slopes by registers
+            (..., p, 2, 1 + m).
+        covariances: Of a coordinate and its slopes (..., p, 1 + m, 1 + m).
     """
 
-    points: Array
-    variances: Array
-    slopes: Array
-    slope_variances: Array
-    variance_slopes: Array
+    values: Array
+    covariances: Array
+
+    def __sub__(self, other: Self) -> Self:
+        """How far these points are seen from others that are not known better or worse for them."""
+        return type(self)(self.values - other.values, self.covariances + other.covariances)
+
+    @property
+    def points(self) -> Array:
+        """Image points (..., p, 2), in image units."""
+        return self.values[..., 0]
+
+    @property
+    def slopes(self) -> Array:
+        """Of the points by registers (..., p, 2, m)."""
+        return self.values[..., 1:]
+
+    @property
+    def variances(self) -> Array:
+        """Of their coordinates (..., p)."""
+        return np.maximum(self.covariances[..., 0, 0], 0.0)
+
+    @property
+    def slope_variances(self) -> Array:
+        """Covariances of such slopes (..., p, m, m)."""
+        return self.covariances[..., 1:, 1:]
 
 
 @dataclass(frozen=True)
@@ -215,10 +234,13 @@ class GaussianProcess:
 
     @cached_property
     def _best(self) -> tuple[Array, Array, Array, Array]:
-        """Of the best hypothesis: lengths, `whitening`, `white` (2, 2, n), and prior variances of slopes."""
+        """Of the best hypothesis: lengths, `whitening`, `white` (2, 2, n), and prior covariances at a place.
+
+        These are of a coordinate and its slopes (1 + m, 1 + m).
+        """
         lengths = self.lengths[self.best]
-        flat = np.diag(self.SPREAD**2 / lengths[: self.motors] ** 2)
-        return lengths, self.whitening[self.best], self.white[self.best].swapaxes(1, 2), flat
+        prior = np.diag([self._most, *(self.SPREAD / lengths[: self.motors]) ** 2])
+        return lengths, self.whitening[self.best], self.white[self.best].swapaxes(1, 2), prior
 
     @property
     def slopes_hold(self) -> bool:
@@ -311,7 +333,7 @@ class GaussianProcess:
     def at(self, places: Array) -> Expected:
         """What should be seen at places (..., d): one, or several at once."""
         motors, before = self.motors, self.known_slopes
-        lengths, whitening, white_seen, flat = self._best
+        lengths, whitening, white_seen, prior = self._best
         towards = (places[..., None, :] - self.looks.places) / lengths
         near = np.exp(np.einsum("...nd,...nd->...n", towards, towards) / -2) * self.SPREAD**2
         slants = towards[..., :motors] / lengths[:motors]
@@ -321,18 +343,11 @@ class GaussianProcess:
         if before:
             first, moved = near[..., :before], slants[..., 0, :]
             cross[..., :before, 0] = first * moved
-            bent = flat / self.SPREAD**2 - moved[..., :, None] * moved[..., None, :]
+            bent = prior[1:, 1:] / self.SPREAD**2 - moved[..., :, None] * moved[..., None, :]
             cross[..., :before, 1:] = first[..., None] * bent
         white = whitening @ cross[..., None, :, :]
-        told = (white.swapaxes(-1, -2) @ white)[..., _IMAGES[len(whitening)], :, :]  # of value and slopes
-        seen = white_seen @ white
-        return Expected(
-            points=seen[..., 0],
-            variances=np.maximum(self._most - told[..., 0, 0], 0.0),
-            slopes=seen[..., 1:],
-            slope_variances=flat - told[..., 1:, 1:],
-            variance_slopes=-2 * told[..., 0, 1:],
-        )
+        told = (white.swapaxes(-1, -2) @ white)[..., _IMAGES[len(whitening)], :, :]
+        return Expected(white_seen @ white, prior - told)
 
     def variance(self, place: Array) -> float:
         """Of a coordinate at a place (d,), without slopes from before: the mean of both images."""

@@ -144,17 +144,17 @@ class Seeker:
             make the squares less (k,).
         """
         count, motors = registers.shape
-        apart, words = self._points.at(registers).apart, registers - self._here
-        left, unsure = self._left(apart), 2 * apart.variances @ self._counts
-        squares = left + self._caution * unsure + NEAREST * np.einsum("km,km->k", words, words)
-        jacobian = (apart.slopes * self._counts[:, None, None]).reshape(count, 4, motors)
-        slopes = (apart.points.reshape(count, 1, 4) @ jacobian)[:, 0] + NEAREST * words
-        slopes += self._caution * (self._counts @ apart.variance_slopes)
-        of_unsure = self._counts @ apart.slope_variances.reshape(count, 2, motors**2)
-        curved = jacobian.swapaxes(1, 2) @ jacobian + NEAREST * self._unit
-        curved += 2 * self._caution * of_unsure.reshape(count, motors, motors)
+        apart = self._points.at(registers).apart
+        unsure = 2 * self._counts @ apart.covariances.reshape(count, 2, -1)
+        errors = np.empty((count, 4 + motors, 1 + motors))  # each beside its slopes
+        errors[:, :4] = (apart.values * self._counts[:, None, None]).reshape(count, 4, -1)
+        errors[:, 4:, 0] = np.sqrt(NEAREST) * (registers - self._here)
+        errors[:, 4:, 1:] = np.sqrt(NEAREST) * self._unit
+        sums = errors.swapaxes(1, 2) @ errors + self._caution * unsure.reshape(count, 1 + motors, -1)
+        squares, slopes, curved = sums[:, 0, 0], sums[:, 0, 1:], sums[:, 1:, 1:]
         free = np.where(slopes > 0, registers > self._lowest, registers < self._highest)
         slopes = slopes * free
         curved = np.where(free[:, :, None] & free[:, None], curved, self._unit)
         steps = -np.linalg.solve(curved, slopes[..., None])[..., 0]
-        return squares, left > Gating.AGREE**2 * unsure, steps, -np.einsum("km,km->k", slopes, steps)
+        surely = np.square(errors[:, :4, 0]).sum(1) > Gating.AGREE**2 * unsure[:, 0]
+        return squares, surely, steps, -np.einsum("km,km->k", slopes, steps)

@@ -53,14 +53,7 @@ class ExpectedPoints(NamedTuple):
     @property
     def apart(self) -> Expected:
         """Of the gripper point less the object point, in both images (p = 2)."""
-        gripper, object_ = self
-        return Expected(
-            gripper.points - object_.points,
-            gripper.variances + object_.variances,
-            gripper.slopes - object_.slopes,
-            gripper.slope_variances + object_.slope_variances,
-            gripper.variance_slopes + object_.variance_slopes,
-        )
+        return self.gripper - self.object
 
     @property
     def distance(self) -> Array:
@@ -272,15 +265,19 @@ class SmoothPoints:
 
     def unsure(self, registers: Array) -> Array:
         """Variances (4,) of the points' coordinates at registers (m,), over all lengths that may be."""
-        place = self._place(registers)
-        return np.concatenate([self.gripper.unsure(registers), self.object.unsure(place)])
+        functions = (self.gripper, registers), (self.object, self._place(registers))
+        return np.concatenate(
+            [
+                function.unsure(place) if len(function.lengths) > 1 else expected.variances
+                for (function, place), expected in zip(functions, self.at(registers), strict=True)
+            ]
+        )
 
     def at(self, registers: Array) -> ExpectedPoints:
         """What should be seen at registers (m,), or at several at once (k, m)."""
         key = registers.shape, registers.tobytes()
         if key not in self._expected:
-            expected = self.object.at(self._place(registers))
-            self._expected[key] = ExpectedPoints(
-                self.gripper.at(registers), expected._replace(points=expected.points + self.home)
-            )
+            gripper, object_ = self.gripper.at(registers), self.object.at(self._place(registers))
+            object_.values[..., 0] += self.home
+            self._expected[key] = ExpectedPoints(gripper, object_)
         return self._expected[key]

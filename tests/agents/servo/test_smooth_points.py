@@ -69,7 +69,7 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
         slopes = [(a.points - b.points).reshape(8) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
         np.testing.assert_allclose(here.jacobian, np.transpose(slopes), atol=1e-4)
         slopes = [(a.variances - b.variances) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
-        found = np.concatenate([here.gripper.variance_slopes, here.object.variance_slopes])
+        found = 2 * np.concatenate([here.gripper.covariances, here.object.covariances])[:, 0, 1:]
         np.testing.assert_allclose(found, np.transpose(slopes), atol=0.02)
 
 
