@@ -40,7 +40,7 @@ def success_rate(model: SAC, trials: int = 50, **arguments: Any) -> float:
 
 
 def main() -> None:
-    """Learns with a tolerance of 16 px, and prints the success rate at another one before and after."""
+    """Learns with a tolerance of 8 px, and prints the success rate at another one before and after."""
     parser = argparse.ArgumentParser(description="SAC with hindsight in one wild world.")
     parser.add_argument("--motions", type=int, default=20_000)
     parser.add_argument("--tolerance-px", type=float, default=4.0)
@@ -53,7 +53,7 @@ def main() -> None:
     world = drawn.unwrapped.world  # type: ignore[attr-defined]
     model = SAC(
         "MultiInputPolicy",
-        make_env(world=world, tolerance_px=16),
+        make_env(world=world, tolerance_px=8),
         replay_buffer_class=HerReplayBuffer,
         learning_rate=1e-3,
         gamma=0.9,

@@ -71,7 +71,7 @@ class Expected(NamedTuple):
     covariances: Array
 
     def __sub__(self, other: Self) -> Self:
-        """How far these points are seen from others that are not known better or worse for them."""
+        """These points less others that are known independently of them."""
         return type(self)(self.values - other.values, self.covariances + other.covariances)
 
     @property
