@@ -189,8 +189,15 @@ class AdaptiveMemory:
         return known.points(home.object if home.shows_object else None, noise_px, start)
 
     def _guess(self, home: Observation) -> Remembered | None:
-        """What was known before a change, as home has moved in images; None where it was announced."""
+        """What was known before a change, as home has moved in images.
+
+        None where it was announced, or where the trial before met one, too, that was no turn: this is then
+        taken for no turn either.
+        """
         if self.on_change == "discard" or self._announced.any() or not len(self.known.gripper):
+            return None
+        just_met = self.change and not self.change.drifts and self.events[-1].trial == self._trial - 1
+        if just_met and self.events[-1].kind != "re-aimed":
             return None
         return self.known.as_home_moved(home.gripper, self._jumped(home))
 
