@@ -20,32 +20,33 @@ _SMALL = 1e-2
 
 def rotation(vector: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
-    return Turns(vector).rotation
+    return Rotations(vector).matrices
 
 
-class Turns:
+class Rotations:
     """What rotation vectors do.
 
     Source: Solà, Deray & Atchuthan 2018, "A micro Lie theory", equations 134 and 145.
 
     Attributes:
-        rotation: Rotation matrices R (..., 3, 3).
-        jacobian: Their left Jacobians V (..., 3, 3): with the vector, R x turns by V d(vector).
+        matrices: R (..., 3, 3).
+        jacobians: Their left Jacobians V (..., 3, 3): with the vector, R x turns by V d(vector).
 
     Args:
         vector: Rotation vectors (..., 3).
     """
 
     def __init__(self, vector: Array) -> None:
-        self._vector, self._cross, self._factors = vector, cross_matrix(vector), _factors(vector)
-        squared, unit, (first, second, third) = self._cross @ self._cross, np.eye(3), self._factors
-        self.rotation = unit + first * self._cross + second * squared
-        self.jacobian = unit + second * self._cross + third * squared
+        self._vector, self._cross, self._squares = vector, cross_matrix(vector), _squares(vector)
+        self._factors = first, second, third = _factors(self._squares)
+        squared, unit = self._cross @ self._cross, np.eye(3)
+        self.matrices = unit + first * self._cross + second * squared
+        self.jacobians = unit + second * self._cross + third * squared
 
     def jacobian_derivative(self, slide: Array) -> Array:
         """Of V u (..., 3, 3) by the rotation vectors, for vectors u (..., 3)."""
-        vector, cross, (first, second, third) = self._vector, self._cross, self._factors
-        squares = _squares(vector)
+        vector, cross, squares = self._vector, self._cross, self._squares
+        first, second, third = self._factors
         small = squares < _SMALL
         some = np.where(small, 1.0, squares)
         second_slope = np.where(
@@ -84,9 +85,8 @@ def _squares(vector: Array) -> Array:
     return np.asarray((vector * vector).sum(-1))[..., None, None]
 
 
-def _factors(vector: Array) -> tuple[Array, Array, Array]:
-    """Sin a / a, (1 - cos a) / a², (a - sin a) / a³ (..., 1, 1) for angles a."""
-    squares = _squares(vector)
+def _factors(squares: Array) -> tuple[Array, Array, Array]:
+    """Sin a / a, (1 - cos a) / a², (a - sin a) / a³ (..., 1, 1) for angles a of these squares."""
     turns = np.sqrt(squares) / (2 * np.pi)
     first, second = np.sinc(2 * turns), np.sinc(turns) ** 2 / 2
     small = squares < _SMALL
@@ -122,8 +122,8 @@ class Projection:
 
     def __init__(self, cameras: Array, places: Array) -> None:
         self._cameras, self._focal = cameras, np.exp(cameras[..., :1])
-        turns = Turns(cameras[..., TURN])
-        self._turns, self._jacobians = turns.rotation, turns.jacobian
+        rotations = Rotations(cameras[..., TURN])
+        self._turns, self._jacobians = rotations.matrices, rotations.jacobians
         self._before = turned(self._turns, places - cameras[..., PLACE])
         self._flat = self._before[..., :2] / np.maximum(self._before[..., 2:], NEAREST)
         self._by_lens = self._focal * self._flat * _squared(self._flat)
@@ -172,8 +172,8 @@ class Triangulation:
         self._ahead = np.concatenate([self._flat, np.ones_like(self._flat[..., :1])], -1)
         self._lengths = _squared(self._ahead)[..., None]
         self._off_ray = np.eye(3) - self._ahead[..., :, None] * self._ahead[..., None, :] / self._lengths
-        turns = Turns(numbers[..., TURN])
-        self._turns, self._jacobians = turns.rotation, turns.jacobian
+        rotations = Rotations(numbers[..., TURN])
+        self._turns, self._jacobians = rotations.matrices, rotations.jacobians
         self._backs = self._turns.swapaxes(-1, -2)
         curved = self._backs @ self._off_ray @ self._turns
         self._curved = curved.sum(0) + PARALLEL * np.eye(3)
@@ -239,9 +239,9 @@ class Twists:
         self._square, self._cube = joints[..., 7], joints[..., 8]
         by = joints[..., 6] + registers + self._square * registers**2 + self._cube * registers**3
         self._by = by[..., None]
-        self._turns, self._slide = Turns(self._axes * self._by), self._ways * self._by
-        self.turns = self._turns.rotation
-        self.shifts = turned(self._turns.jacobian, self._slide)
+        self._rotations, self._slide = Rotations(self._axes * self._by), self._ways * self._by
+        self.turns = self._rotations.matrices
+        self.shifts = turned(self._rotations.jacobians, self._slide)
 
     def by_registers(self, places: Array) -> Array:
         """Derivatives of R x + s by registers (..., 3, 1), where R x is at `places` (..., 3)."""
@@ -251,9 +251,9 @@ class Twists:
     def by_numbers(self, places: Array) -> Array:
         """By the joints' numbers (..., 3, 9)."""
         by, registers = self._by[..., None], self._registers
-        jacobian = self._turns.jacobian
-        by_axis = by * (self._turns.jacobian_derivative(self._slide) - cross_matrix(places) @ jacobian)
-        by_way, further = by * jacobian, self._further(places)
+        jacobians = self._rotations.jacobians
+        by_axis = by * (self._rotations.jacobian_derivative(self._slide) - cross_matrix(places) @ jacobians)
+        by_way, further = by * jacobians, self._further(places)
         powers = np.stack([np.ones_like(registers), registers**2, registers**3], -1)[..., None, :]
         return np.concatenate([by_axis, by_way, further[..., None] * powers], -1)
 

@@ -39,12 +39,24 @@ def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
     assert np.mean(lengths[-30:]) < 0.75 * np.mean(lengths[:3])
 
 
-@pytest.mark.slow
-def test_where_cameras_are_new_in_every_trial_memory_is_mostly_as_fast_as_its_servo(live, make_env):
+@pytest.fixture
+def new_cameras(make_env):
+    """Both cameras are others in every trial."""
     replaced = [{"type": "camera_replace", "camera": camera} for camera in ("left", "right")]
-    env = make_env(perturbations=[{"every": {"trial": 1}, "do": each} for each in replaced])
+    return make_env(perturbations=[{"every": {"trial": 1}, "do": each} for each in replaced])
+
+
+@pytest.mark.parametrize("name", ["unified_servo", pytest.param("memory", marks=pytest.mark.slow)])
+def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, new_cameras, name):
+    lengths = live(name, new_cameras, 0, motions=300)[1][:-1]
+    assert len(lengths) > 30
+    assert np.median(lengths[20:]) <= 1.25 * np.median(lengths[:20])
+
+
+@pytest.mark.slow
+def test_where_cameras_are_new_in_every_trial_memory_is_mostly_as_fast_as_its_servo(live, new_cameras):
     lengths = {
-        name: np.concatenate([live(name, env, world, motions=200)[1][:-1] for world in range(6)])
+        name: np.concatenate([live(name, new_cameras, world, motions=200)[1][:-1] for world in range(6)])
         for name in ("memory", "unified_servo")
     }
     assert len(lengths["memory"]) > 120

@@ -148,13 +148,13 @@ class Seeker:
         unsure = 2 * self._counts @ apart.covariances.reshape(count, 2, -1)
         errors = np.empty((count, 4 + motors, 1 + motors))  # each beside its slopes
         errors[:, :4] = (apart.values * self._counts[:, None, None]).reshape(count, 4, -1)
-        errors[:, 4:, 0] = np.sqrt(NEAREST) * (registers - self._here)
-        errors[:, 4:, 1:] = np.sqrt(NEAREST) * self._unit
+        errors[:, 4:, 0] = NEAREST**0.5 * (registers - self._here)
+        errors[:, 4:, 1:] = NEAREST**0.5 * self._unit
         sums = errors.swapaxes(1, 2) @ errors + self._caution * unsure.reshape(count, 1 + motors, -1)
         squares, slopes, curved = sums[:, 0, 0], sums[:, 0, 1:], sums[:, 1:, 1:]
         free = np.where(slopes > 0, registers > self._lowest, registers < self._highest)
         slopes = slopes * free
         curved = np.where(free[:, :, None] & free[:, None], curved, self._unit)
         steps = -np.linalg.solve(curved, slopes[..., None])[..., 0]
-        surely = np.square(errors[:, :4, 0]).sum(1) > Gating.AGREE**2 * unsure[:, 0]
+        surely = self._left(apart) > Gating.AGREE**2 * unsure[:, 0]
         return squares, surely, steps, -np.einsum("km,km->k", slopes, steps)
