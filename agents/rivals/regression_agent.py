@@ -1,4 +1,4 @@
-"""An agent that keeps all its looks, and goes by a regression over them."""
+"""An agent that goes by a regression over all its looks, and keeps the latest to begin anew with."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,14 +20,14 @@ from .reach import RegressionFindings, RegressionReach
 
 
 class RegressionAgent(ProcedureAgent):
-    """Remembers every look. It knows two changes of the world.
+    """Learns from every look. It knows two changes of the world.
 
     A camera that sees the gripper elsewhere at home than in the last trials has been moved: its points are
     forgotten. Its home views of earlier objects stay, as features of what the other camera saw. Where another
     trial comes no nearer, the looks of earlier trials are forgotten.
 
     Attributes:
-        looks: All that are remembered.
+        looks: The latest, to begin anew with.
         images: What they say of image points.
         filter: What is known of observations.
         home: Where the gripper is seen at home.
@@ -39,6 +39,8 @@ class RegressionAgent(ProcedureAgent):
     """
 
     prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
+    KEPT = 4_000
+    """So many looks are kept (a guard of memory and time)."""
 
     def __init__(self, env: gym.Env[Any, Any], unlearned: ImageRegression, seed: int = 0) -> None:
         super().__init__(env, seed)
@@ -68,7 +70,8 @@ class RegressionAgent(ProcedureAgent):
 
     def learn_trial(self, findings: RegressionFindings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
-        self.images, self.looks, self.filter = findings.images, findings.looks, findings.filter
+        self.images, self.filter = findings.images, findings.filter
+        self.looks = findings.looks.only(slice(-self.KEPT, None))
         if findings.gripper_home is not None:
             if self.home.jumped(findings.gripper_home).any():
                 self.home.keep_since(self._trials)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -204,6 +205,7 @@ def reaimed(worlds: int = 16) -> Table:
     )
 
 
+@cache
 def declared(name: str) -> tuple[PriorKnowledge, ...]:
     """What an agent says that it is built on."""
     env = EnvironmentConfig.model_validate({"id": REACH, "world": "nominal", "camera_mount": "stand"})

@@ -9,6 +9,7 @@ import pytest
 import agents
 from agents.rivals import train
 from agents.rivals.prior import KEPT, load_prior
+from agents.rivals.regression_agent import RegressionAgent
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
 from experiments.running.run import world_seeds
@@ -40,6 +41,21 @@ def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live
     assert forgotten >= 12, "six trials: at home, and after a motion at least"
     assert left[forgotten:].all()
     assert right.all()
+
+
+def test_of_a_long_life_the_latest_looks_are_kept_and_a_moved_camera_is_met_by_them(
+    name, live, make_env, monkeypatch
+):
+    aimed = [{"at": {"trial": 8}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}]
+    lives = []
+    for kept in (10_000, 20):
+        monkeypatch.setattr(RegressionAgent, "KEPT", kept)
+        lives.append(live(name, make_env(), UNSEEN, trials=8))
+        assert max(live(name, make_env(perturbations=aimed), UNSEEN, trials=12)[1]) < 60
+    (all_, counts), (latest, same) = lives
+    assert counts == same
+    assert len(all_.looks) > len(latest.looks) == 20
+    assert np.array_equal(latest.looks.points, all_.looks.points[-20:], equal_nan=True)
 
 
 @pytest.mark.parametrize(
