@@ -24,7 +24,12 @@ TASK = "Bring the gripper to the ball."
 
 
 def record(
-    robot: Any, place_object: Callable[[], Any], out: Path, episodes: int, agent: str = "memory"
+    robot: Any,
+    place_object: Callable[[], Any],
+    out: Path,
+    episodes: int,
+    agent: str = "memory",
+    **bounds: float,
 ) -> None:
     """Records reaches, one an episode: positions and goals in degrees, and pictures, 20 times a second.
 
@@ -36,6 +41,7 @@ def record(
         out: Folder of the dataset; must not exist.
         episodes: So many reaches.
         agent: Who reaches.
+        **bounds: Of the arm, `unit` and `speed`, as `LeRobotReachEnv` takes them.
     """
     observed = hw_to_dataset_features(robot.observation_features, "observation")
     sent = hw_to_dataset_features(robot.action_features, "action")
@@ -57,7 +63,7 @@ def record(
         place_object()
         dataset.clear_episode_buffer()  # what was recorded on the way home
 
-    env = LeRobotReachEnv(robot, CAMERAS, place_object=place, on_tick=tick)
+    env = LeRobotReachEnv(robot, CAMERAS, place_object=place, on_tick=tick, **bounds)
     reacher = agents_package().make(agent, env)
     with VideoEncodingManager(dataset):
         for number, reach in enumerate(env.reaches(reacher, 1 + episodes)):
@@ -73,16 +79,19 @@ def main() -> None:
     now = Path(time.strftime("runs/demonstrations-%Y%m%d-%H%M%S"))
     parser.add_argument("--out", type=Path, default=now, help="folder of the dataset")
     parser.add_argument("--episodes", type=int, default=10)
+    parser.add_argument("--unit", type=float, default=45.0, help="so many degrees from home motors go")
+    parser.add_argument("--speed", type=float, default=60.0, help="degrees a second, at most")
     given, flags = parser.parse_known_args()
+    to, bounds = (given.out, given.episodes), {"unit": given.unit, "speed": given.speed}
     if flags:
         robot = lerobot_robot(flags)
         with supported(robot, input):
-            record(robot, lambda: input("Place the object, then press Enter: "), given.out, given.episodes)
+            record(robot, lambda: input("Place the object, then press Enter: "), *to, **bounds)
     else:
         from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 
         bench = FakeSO101()
-        record(bench, bench.place_object, given.out, given.episodes)
+        record(bench, bench.place_object, *to, **bounds)
     print(given.out)
 
 

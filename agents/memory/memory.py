@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT
 
-from ..base.checks import check_number
+from ..base.checks import check_number, checked_array
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..base.registers import Stops, at_home
@@ -120,11 +120,14 @@ class Memory(KnowledgeAgent):
         return f"{self.adaptation.known!r} over {self.servo!r}, {settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        return super().arrays() | self.adaptation.arrays()
+        rests = {"rests": np.array([self._given_up, self._rests])}
+        return super().arrays() | self.adaptation.arrays() | rests
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        rests = checked_array(arrays, "rests", (2,), least=0, whole=True) if "rests" in arrays else np.zeros(2)
         super().restore(arrays)
         self.adaptation.restore(arrays)
+        self._given_up, self._rests = (int(each) for each in rests)
 
 
 knowledge_base(

@@ -89,7 +89,9 @@ class _MotorError(Perturbation):
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         place = robot.motors.index(self.motor)
         step = amount_of(robot, place, -self.degrees if back else self.degrees)
-        return with_entry(world, self.type, place, getattr(world, self.type)[place] + step)
+        there = getattr(world, self.type)[place] + step
+        self.check("degrees", round(float(there / amount_of(robot, place, 1.0)), 9))
+        return with_entry(world, self.type, place, there)
 
 
 @dataclass(frozen=True)

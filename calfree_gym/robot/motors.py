@@ -364,8 +364,9 @@ class MotorErrors(OfWorlds):
             positions: Where they would have been sent (m,) to stand there.
             share: Of the way.
         """
+        exact = self._exact
         self._sent[row] = positions
-        if self._exact:
+        if exact:
             self._joint[row] = positions
             return
         for part, before in zip((self._joint, self._noise), self._before, strict=True):

@@ -101,9 +101,8 @@ def _of_held_out(held: HeldOut, trials: int) -> tuple[_Cells, str]:
     met = knocks(held.scenario)
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
-        "The median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap} motions. {_GOOD}: of a checkpoint's {trials} trials and all later ones, as cameras see "
-        f"it.{knock}"
+        f"The median world, in test trials, which teach nothing; a failed one counts as {held.cap} motions. "
+        f"{_GOOD}: of {trials} test trials, and of all later ones, as cameras see it.{knock}"
     )
 
 

@@ -84,6 +84,22 @@ def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env
     assert_same_arrays(first, second)
 
 
+def test_a_saved_agent_rests_from_its_memory_as_the_one_that_goes_on(make_env, tmp_path):
+    """After a trial that gave up what was remembered; one that had not is saved before it."""
+    agent, words = agents.make("memory", make_env()).learn(60), []
+    observation, _ = agent.env.reset()
+    agent.save(tmp_path / "before.npz")
+    findings = agent.new_findings()
+    findings.given_up = True
+    agent.learn_trial(findings, Observation.of(observation), False)
+    agent.save(tmp_path / "after.npz")
+    for file in ("after", "before", "after"):
+        words.append(agent.predict(observation)[0])
+        agent.load(tmp_path / f"{file}.npz")
+    np.testing.assert_array_equal(words[0], words[1])
+    assert (words[2] != words[0]).any()
+
+
 def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
     agent, cameras = agents.make("memory", make_env()), np.array([True, False])
     agent.adaptation.announce_change(cameras)

@@ -218,6 +218,8 @@ def test_a_quantity_turns_back_at_the_ends_of_its_range():
     assert shares == [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5]
     late = [int(w.latency) for w in drifted({"type": "latency"}, 24)]
     assert late == [*range(11), *range(9, -1, -1), 1, 2, 3]
+    play = [w.backlash[1] for w in drifted({"type": "backlash", "motor": "shoulder", "degrees": 20}, 6)]
+    np.testing.assert_allclose(np.degrees(play), [0, 20, 40, 20, 0, 20], atol=1e-9)
 
 
 def test_a_drift_takes_its_way_from_the_seed_and_begins_anew_with_it():

@@ -217,6 +217,16 @@ def test_a_stopped_arm_stands_where_its_registers_and_its_joints_were_on_the_way
     assert stopped > 0
 
 
+def test_a_stopped_arm_whose_motor_gets_play_stays_where_it_was_stopped():
+    event = {"at": {"motion": 1}, "do": {"type": "backlash", "motor": "shoulder", "degrees": 8}}
+    env = begun(made("SafeReach", world="nominal", perturbations=[event], force_bound=1e9))
+    down = env.step([0, -1, -0.3])[-1]
+    assert env.arms.simulation.touched.shares[0] < 1
+    rests = env.step(np.zeros(3))[-1]
+    assert env.world.backlash[1] > 0
+    np.testing.assert_allclose(rests["truth"]["joints"], down["truth"]["joints"], atol=1e-4)
+
+
 def motors_at(env):
     motors = [Motor(env.world, motor) for motor in range(3)]
     for i, motor in enumerate(motors):
