@@ -124,7 +124,7 @@ class Memory(KnowledgeAgent):
         return super().arrays() | self.adaptation.arrays() | rests
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        rests = checked_array(arrays, "rests", (2,), least=0, whole=True) if "rests" in arrays else np.zeros(2)
+        rests = checked_array(arrays, "rests", (2,), least=0, whole=True) if "rests" in arrays else (0, 0)
         super().restore(arrays)
         self.adaptation.restore(arrays)
         self._given_up, self._rests = (int(each) for each in rests)
