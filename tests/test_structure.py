@@ -36,9 +36,10 @@ PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
     "calfree_gym.geometry",
     "calfree_gym.robot.arms.movemaster",
+    "calfree_gym.robot.motors",
     "calfree_gym.vision.cameras",
 }
-"""What the calibrated robots may know besides: how the robot was built."""
+"""What the calibrated robots may know besides: how the robot was built, and the kind of its motors."""
 MOST_LINES = 600
 EXTRA = "to_install('agents')"
 

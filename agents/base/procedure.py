@@ -254,9 +254,7 @@ class ProcedureAgent(Agent):
             raise TypeError(
                 f"{own.__name__} learns, but has no arrays and restore of its own: that would be lost"
             )
-        storage.save(
-            path, self.kind, self.arrays() | self._encoders.arrays(), self.num_timesteps, self._motors
-        )
+        storage.save(path, self.kind, self._known(), self.num_timesteps, self._motors)
 
     def load(self, path: AgentFile) -> Self:
         arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)

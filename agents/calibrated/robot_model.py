@@ -17,9 +17,11 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from calfree_gym.errors import check_choice
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import HOME, JOINT_LIMITS, SPAN, gripper_position
+from calfree_gym.robot.motors import curve_inverse
 from calfree_gym.vision.cameras import MOUNTS, image_points, pinhole
 from calfree_gym.world import World
 
@@ -54,9 +56,6 @@ def _matrix(rows: Sequence[Sequence[Array | float]]) -> Array:
     return matrix
 
 
-_GRID = np.linspace(-1.0, 1.0, 2001)
-"""Registers between which a motor's curve is inverted by straight lines: so fine that these err by less than
-2e-6 rad (derived: spacing² / 8 by the largest second derivative, 6 · 0.43 · 2 · 2.6)."""
 _TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 """From camera axes with y up, looking along -z, to OpenCV's: y down, looking along z."""
 _UNDISTORTING = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-12)
@@ -100,8 +99,7 @@ class RobotModel:
         Raises:
             ValueError: `camera_mount` is neither.
         """
-        if camera_mount not in MOUNTS:
-            raise ValueError(f"camera_mount is {camera_mount!r}; allowed: {', '.join(MOUNTS)}")
+        check_choice("camera_mount", camera_mount, MOUNTS)
         return cls(
             camera_position=world.camera_position,
             camera_axes=np.stack([rotation_matrix(q) for q in world.camera_orientation]),
@@ -191,7 +189,7 @@ class RobotModel:
             lifted, bent = _two_links(target, upper_arm, length)
             bent -= ahead
         angles = (np.arctan2(point[1], point[0]), lifted, bent)
-        return np.array([np.interp(angles[m], *self._motors[m]) for m in range(3)])
+        return curve_inverse((angles - self._rest[0]) / self._scale[0], self.motor_curvature)
 
     @staticmethod
     def _turned(points: Array, waist: Array) -> Array:
@@ -226,13 +224,6 @@ class RobotModel:
     def _projections(self) -> list[Array]:
         turns = [_TO_OPENCV @ axes.T for axes in self.camera_axes]
         return [np.column_stack([r, -r @ c]) for r, c in zip(turns, self.camera_position, strict=True)]
-
-    @cached_property
-    def _motors(self) -> list[tuple[Array, Array]]:
-        """Each motor's angles and registers, by increasing angle."""
-        angles = self.joints(np.repeat(_GRID[:, None], 3, 1))
-        order = [np.argsort(angles[:, m]) for m in range(3)]
-        return [(angles[order[m], m], _GRID[order[m]]) for m in range(3)]
 
 
 def _two_links(target: complex, first: float, second: float) -> tuple[float, float]:

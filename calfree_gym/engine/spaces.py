@@ -20,7 +20,7 @@ Floats = NDArray[Any]
 
 
 def unit_box(size: int) -> spaces.Box[Any]:
-    """Numbers in [-1, 1]."""
+    """Numbers in [-1, 1], such as the control words of one arm."""
     return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
@@ -44,11 +44,6 @@ def pixels_of(stereo: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def joined(*parts: NDArray[Any]) -> NDArray[np.float32]:
     """Numbers (N, k) of all rows side by side, in single precision."""
     return np.concatenate(parts, 1, dtype=np.float32)
-
-
-def action_space(motors: int) -> spaces.Box[Any]:
-    """The control words of one arm."""
-    return spaces.Box(-1.0, 1.0, (motors,), np.float32)
 
 
 def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from calfree_gym.perturbations.base import (
-    Draw,
     Factor,
     Level,
     Perturbation,
     amount,
+    any_size,
     factor,
     one_of,
     setting,
@@ -20,7 +20,7 @@ from calfree_gym.perturbations.base import (
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.world import MAX_SHORTFALL, World, log_uniform
+from calfree_gym.world import MAX_SHORTFALL, World
 
 
 @dataclass(frozen=True)
@@ -127,17 +127,13 @@ def amount_of(robot: Robot, motor: int, degrees: float) -> float:
 NO_RIPPLE = 1.0, 0.0, 0.0
 
 
-def _any_size(low: float, high: float) -> Draw:
-    return lambda rng: float(log_uniform(rng, low, high))
-
-
 @dataclass(frozen=True)
 class RegisterNoise(Level):
     """Sets the standard deviation of registers to `registers` (drawn: 0.0003-0.01); as a drift, adds it."""
 
     type: ClassVar[str] = "register_noise"
     quantity: ClassVar[str] = "registers"
-    registers: float = amount(_any_size(0.0003, 0.01), least=0, most=1)
+    registers: float = amount(any_size(0.0003, 0.01), least=0, most=1)
 
 
 @dataclass(frozen=True)
@@ -146,7 +142,7 @@ class RegisterStep(Level):
 
     type: ClassVar[str] = "register_step"
     quantity: ClassVar[str] = "registers"
-    registers: float = amount(_any_size(0.0003, 0.01), least=0, most=1)
+    registers: float = amount(any_size(0.0003, 0.01), least=0, most=1)
 
 
 @dataclass(frozen=True)
@@ -164,7 +160,7 @@ class LongestMotion(Level):
 
     type: ClassVar[str] = "longest_motion"
     quantity: ClassVar[str] = "words"
-    words: float = amount(_any_size(0.2, 0.8), least=1e-3, most=1)
+    words: float = amount(any_size(0.2, 0.8), least=1e-3, most=1)
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         return super().drift(world, not back, robot)
@@ -180,7 +176,7 @@ class DeadZone(Level):
     type: ClassVar[str] = "dead_zone"
     quantity: ClassVar[str] = "words"
     motor: str = one_of("motors")
-    words: float = amount(_any_size(0.003, 0.03), least=0, most=1)
+    words: float = amount(any_size(0.003, 0.03), least=0, most=1)
 
 
 @dataclass(frozen=True)
@@ -194,7 +190,7 @@ class GearRipple(Perturbation):
     type: ClassVar[str] = "gear_ripple"
     motor: str = one_of("motors")
     depth: float = amount(uniform(0.1, 0.8), least=0, most=0.99)
-    period: float = setting(_any_size(0.05, 0.5), least=1e-3, most=1e3)
+    period: float = setting(any_size(0.05, 0.5), least=1e-3, most=1e3)
     phase: float = setting(uniform(-180, 180))
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:

@@ -79,11 +79,16 @@ def amount(draw: Draw, **bounds: float) -> Any:
 def factor(low: float, high: float) -> Any:
     """A positive factor; where it is omitted, it is drawn log-uniformly within these bounds."""
     return setting(
-        lambda rng: float(log_uniform(rng, low, high)),
+        any_size(low, high),
         least=1e-3,
         most=1e3,
         slow=lambda factor: factor ** (1 / DRIFT_STEPS),
     )
+
+
+def any_size(low: float, high: float) -> Draw:
+    """Draws log-uniformly between two numbers."""
+    return lambda rng: float(log_uniform(rng, low, high))
 
 
 def uniform(low: float, high: float) -> Draw:

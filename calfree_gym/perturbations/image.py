@@ -14,6 +14,7 @@ from calfree_gym.perturbations.base import (
     Level,
     Perturbation,
     amount,
+    any_size,
     factor,
     one_of,
     setting,
@@ -22,7 +23,7 @@ from calfree_gym.perturbations.base import (
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.vision.image_formation import MAX_NOISE
-from calfree_gym.world import WILD_AMBIENT, WILD_ELEVATION, WILD_STRENGTH, World, lamp, log_uniform
+from calfree_gym.world import WILD_AMBIENT, WILD_ELEVATION, WILD_STRENGTH, World, lamp
 from calfree_gym.world.value import MAX_LATENCY
 
 
@@ -32,7 +33,7 @@ class PointNoise(Level):
 
     type: ClassVar[str] = "point_noise"
     quantity: ClassVar[str] = "px"
-    px: float = amount(lambda rng: float(log_uniform(rng, 0.5, 5)), least=0, most=IMAGE_SIZE)
+    px: float = amount(any_size(0.5, 5), least=0, most=IMAGE_SIZE)
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,8 @@ class Undo:
 def undone(world: World, before: World, after: World) -> World:
     """The world with all that differs between `before` and `after` restored; other quantities stay.
 
-    The comparison is per camera, joint and motor: along the first axis of each field, but for lamp and
-    occluder, which come back whole.
+    The comparison is per camera, joint and motor: along the first axis of each field, but for lamp,
+    occluder and dock, which come back whole.
     """
     restored = {}
     for field in fields(World):

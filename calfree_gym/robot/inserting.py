@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags, Rows, quaternion_of
-from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, GRIPPER_POINT, WAIST
+from calfree_gym.robot.arms.movemaster import BEFORE_IT, GRIPPER_POINT
 from calfree_gym.robot.grasping.gripping_arm import (
     AXIS,
     HARD,
@@ -19,7 +19,7 @@ from calfree_gym.robot.grasping.gripping_arm import (
     add_gripper,
     add_table,
 )
-from calfree_gym.robot.grasping.placing import BLOCK, LEAST_GRASPABLE, Places
+from calfree_gym.robot.grasping.placing import BLOCK, LEAST_GRASPABLE, Places, before_the_arm
 from calfree_gym.robot.grasping.simulation import OBJECT, GraspSimulation
 from calfree_gym.robot.grasping.simulation import POINTS as OF_GRASPING
 from calfree_gym.robot.motors import MotorMap
@@ -298,9 +298,7 @@ class Holes(Places):
 
 def _places(shares: Array) -> Array:
     """Holes' centres (k, 3) in m, from numbers in [0, 1) (k, 3)."""
-    far = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0])
-    around, high = (2 * shares[:, 1] - 1) * WAIST, HEIGHT[0] + shares[:, 2] * (HEIGHT[1] - HEIGHT[0])
-    return np.stack([far * np.cos(around), far * np.sin(around), high], -1)
+    return before_the_arm(shares, HEIGHT[0] + shares[:, 2] * (HEIGHT[1] - HEIGHT[0]))
 
 
 def _frame(upwards: Array, turns: Array) -> Array:

@@ -354,6 +354,6 @@ class TouchingSimulation(ReachSimulation):
         return all(self.is_collision_free(row, joints + share * (there - joints)) for share in shares)
 
 
-def ramp(substeps: int) -> Array:
+def ramp(substeps: int, settling: int = SETTLING) -> Array:
     """Shares of a way (k,) after each substep: with least jerk in so many of them, then at rest."""
-    return smooth(np.minimum(np.arange(1.0, substeps + SETTLING + 1) / substeps, 1.0))
+    return smooth(np.minimum(np.arange(1.0, substeps + settling + 1) / substeps, 1.0))

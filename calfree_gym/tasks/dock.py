@@ -16,7 +16,6 @@ from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     GOALS,
     Observation,
-    action_space,
     given_option,
     image_distances,
     joined,
@@ -132,7 +131,7 @@ class DockArms(Arms):
         for name in self.config.tell:
             shape = PRIVILEGED[name](self).shape[1:]
             boxes[name] = spaces.Box(-FARTHEST_TOLD, FARTHEST_TOLD, shape, np.float32)
-        return spaces.Dict(boxes), action_space(motors)
+        return spaces.Dict(boxes), unit_box(motors)
 
     def seed_streams(self, row: int, seed: int) -> None:
         super().seed_streams(row, seed)

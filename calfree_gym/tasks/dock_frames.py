@@ -21,7 +21,7 @@ class DockFrame(RobotFrame):
 
     Args:
         arms, width, height: See `RobotFrame`.
-        as_agents_see: Nothing changes: agents see no images.
+        as_agents_see: Nothing changes: these images are lit for people, and show no tags.
 
     Raises:
         ValueError: The size is not allowed.

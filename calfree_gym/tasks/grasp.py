@@ -17,7 +17,6 @@ from calfree_gym.engine.spaces import (
     GOALS,
     Floats,
     Observation,
-    action_space,
     image_distances,
     joined,
     pixel_box,
@@ -188,7 +187,7 @@ class GraspArms(ContactArms):
         else:
             boxes = {"pixels": pixel_box(self.config.image_size)}
             boxes["observation"] = state_box(0, registers, 2, bound)
-        return spaces.Dict(boxes), action_space(registers + 1)
+        return spaces.Dict(boxes), unit_box(registers + 1)
 
     def objects_of(self, options: dict[str, Any] | None) -> Array | None:
         """See `Arms`: places (N, 2), or with an angle (N, 3), or poses (N, 7)."""

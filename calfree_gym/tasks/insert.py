@@ -16,7 +16,6 @@ from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     Floats,
     Observation,
-    action_space,
     image_distances,
     joined,
     state_box,
@@ -148,7 +147,7 @@ class InsertArms(ContactArms):
         words, points = len(self.robot.motors), 2 * len(POINTS)
         boxes: dict[str, spaces.Space[Any]] = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
         boxes["observation"] = state_box(points, words, 2 * len(_OTHERS), self.register_bound)
-        return spaces.Dict(boxes), action_space(words)
+        return spaces.Dict(boxes), unit_box(words)
 
     def serves(self, row: int, world: World) -> bool:
         """See `ContactArms`: there is a place for holes."""

@@ -18,7 +18,6 @@ from calfree_gym.engine.spaces import (
     GOALS,
     Floats,
     Observation,
-    action_space,
     image_distances,
     joined,
     over_points,
@@ -165,7 +164,7 @@ class ReachArms(Arms):
         config, robot = self.config, self.robot
         images = config.observation, config.image_size
         observed = observation_space(*images, config.tell, robot, self.register_bound)
-        return observed, action_space(len(robot.motors))
+        return observed, unit_box(len(robot.motors))
 
     def seed_streams(self, row: int, seed: int) -> None:
         super().seed_streams(row, seed)

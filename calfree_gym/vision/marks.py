@@ -191,8 +191,8 @@ MARK_NAMES = Marks.names()
 """The balls of a gripper that reaches, and of an object."""
 
 
-def hue_gap(first: float, second: float) -> float:
-    """Between two hues, in degrees, 0 to 180."""
+def hue_gap(first: Any, second: Any) -> Any:
+    """Between two hues, numbers or arrays of them, in degrees, 0 to 180."""
     return abs((first - second + 180) % 360 - 180)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from calfree_gym.errors import check_choice
 from calfree_gym.errors.yaml_values import read
 from calfree_gym.image import rounded
-from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, write_yaml
+from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, hue_gap, write_yaml
 from calfree_gym.vision.tracking.blobs import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import BallFinder
 
@@ -129,7 +129,7 @@ def learn_mark(image: Image, box: Sequence[int]) -> Mark:
     y, x = np.mgrid[-1 : 1 : 1j * height, -1 : 1 : 1j * width]
     votes = saturation**2 * chroma * np.exp(-(x * x + y * y)).ravel()
     winner = _mode(hue, votes)
-    near = np.abs((hue - winner + 180) % 360 - 180)
+    near = hue_gap(hue, winner)
     same = (near <= 2 * SMOOTHING) & (chroma >= LEAST_CHROMA)
     vivid = same & (saturation >= np.median(saturation[same]))
     red, green, blue = (round(v) for v in np.median(smooth[vivid], 0))

@@ -15,7 +15,7 @@ from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
-from calfree_gym.world.docking import on_wheels
+from calfree_gym.world.docking import Draw, misaimed, on_wheels
 from calfree_gym.world.value import MAX_TEXTURE, World
 
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
@@ -57,10 +57,6 @@ def nominal(robot: Robot = MOVEMASTER) -> World:
     )
 
 
-Draw = Callable[[str], np.random.Generator]
-"""Gives the random stream of one group of world fields."""
-
-
 def _nominal(draw: Draw, robot: Robot) -> World:
     return nominal(robot)
 
@@ -68,15 +64,9 @@ def _nominal(draw: Draw, robot: Robot) -> World:
 def _coarse(draw: Draw, robot: Robot) -> World:
     """The paper's coarsely calibrated robot: cameras up to 20 degrees off in any direction."""
     built = nominal(robot)
-    orientation = np.stack(
-        [
-            quaternion_product(q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))))
-            for q, rng in zip(built.camera_orientation, [draw("aim")] * len(robot.cameras), strict=True)
-        ]
-    )
     return World(
         camera_position=built.camera_position,
-        camera_orientation=orientation,
+        camera_orientation=misaimed(built.camera_orientation, draw("aim")),
         focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, len(robot.cameras)),
         principal_point=built.principal_point,
         lens_k1=built.lens_k1,

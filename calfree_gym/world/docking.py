@@ -6,15 +6,22 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calfree_gym.geometry import quaternion_about, quaternion_product
+from calfree_gym.geometry import Array, quaternion_about, quaternion_product
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world.value import World
 
 Draw = Callable[[str], np.random.Generator]
+"""Gives the random stream of one group of world fields."""
 SLIP = 0.01
 """Of the built base. Choice: on a hard floor."""
 ROUGHLY = ("wild", "rough")
 """Distributions of bases that were never measured."""
+
+
+def misaimed(orientations: Array, rng: np.random.Generator) -> Array:
+    """Cameras (c, 4) that look up to 20 degrees off in any direction."""
+    turns = [quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))) for _ in orientations]
+    return np.stack([quaternion_product(*each) for each in zip(orientations, turns, strict=True)])
 
 
 def on_wheels(name: str, world: World, draw: Draw, robot: Robot) -> World:
@@ -27,13 +34,8 @@ def on_wheels(name: str, world: World, draw: Draw, robot: Robot) -> World:
     world = world.replace(marks=robot.marks, slip=SLIP)
     if name not in ROUGHLY:
         return world
-    aims = draw("base_aim")
-    turned = [
-        quaternion_product(each, quaternion_about(aims.standard_normal(3), np.radians(aims.uniform(0, 20))))
-        for each in world.camera_orientation
-    ]
     return world.replace(
-        camera_orientation=np.stack(turned),
+        camera_orientation=misaimed(world.camera_orientation, draw("base_aim")),
         link_lengths=robot.lengths * draw("track").uniform(0.8, 1.25, len(robot.lengths)),
         marks=robot.marks + draw("marks").uniform(-0.05, 0.05, robot.marks.shape),
         slip=draw("slip").uniform(0.0, 0.02),

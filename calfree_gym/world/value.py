@@ -29,7 +29,8 @@ class World:
     """Cameras, arm, motors, measurement and light of one robot. Compares by value; arrays are read-only.
 
     The fields from `light_direction` on matter to rendered images alone, `occluder` where points can be
-    hidden, and the last two where objects are grasped. Those from `backlash` to `motor_coupling` may be given
+    hidden, `object_mass` and `object_friction` where objects are grasped, and the last three where a base
+    docks. Those from `backlash` to `motor_coupling` may be given
     as one value for all motors; `lens_k2`, `pixel_aspect` and those from `exposure` to `image_noise` as one
     for all cameras.
 

@@ -36,7 +36,7 @@ from experiments.running.results_folder import (
     suite_written_down,
 )
 from experiments.running.run import LifetimeRun, Run, SweepRun, runs_of
-from experiments.running.versions import REPOSITORY
+from experiments.running.versions import KEPT
 
 _DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
 _TAIL = 10_000
@@ -227,7 +227,6 @@ def _state(run: Run, out: Path, runner: bool) -> tuple[str, str]:
     return ("running", made) if runner else ("interrupted", f"after {made}; begins anew")
 
 
-KEPT = REPOSITORY / "experiments" / "results"
 _COSTS = ("other", "decision", "learning")
 _UNKNOWN = {"motions": (2e-4, 5e-4, 1e-3), "trials": (2e-2, 0.0, 0.0)}
 """Seconds where nothing alike is kept. Choice."""

@@ -27,9 +27,8 @@ from experiments.errors import ConfigError
 from experiments.reporting.pages import tables_markdown, without_tags
 from experiments.reporting.results_file import TIMES, read_times
 from experiments.reporting.tables import Table, must_know
-from experiments.running.versions import REPOSITORY
+from experiments.running.versions import KEPT, REPOSITORY
 
-KEPT = REPOSITORY / "experiments" / "results"
 AGENTS, BUDGETS = "agents", "budgets"
 """Tables that no result keeps: one is made from the code alone, one from the times of all kept suites."""
 CORES = 2

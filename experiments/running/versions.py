@@ -8,6 +8,7 @@ from pathlib import Path
 from experiments.config.own_agents import hash_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+KEPT = REPOSITORY / "experiments" / "results"
 UNKNOWN = "unknown"
 """The commit of code that is in no repository."""
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
+import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -119,8 +120,6 @@ def draw_worlds(count: int, mount: str, first_seed: int) -> dict[str, NDArray[np
 
     Where motors stop is found by sending them there.
     """
-    import gymnasium as gym  # training with worlds that were drawn elsewhere needs none
-
     env: Any = gym.make_vec(
         "calfree_gym:CalFree/Reach-v0",
         num_envs=count,

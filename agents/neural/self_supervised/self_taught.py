@@ -180,7 +180,7 @@ class SelfSupervised(ProcedureAgent):
         exploration: Share of random motions later, in `learn`.
         patience: After so many motions that came no nearer, it makes a random one.
         updates: Steps of Adam after each motion.
-        batch: ReplayPairs of observations in each step.
+        batch: Pairs of observations in each step.
         capacity: Observations that are kept.
 
     Attributes:

@@ -11,8 +11,8 @@ from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.docking.base import WHEEL_RADIUS, Base
 from calfree_gym.robot.docking.model import at_poses, model_of, pose_of
 from calfree_gym.robot.docking.simulation import RollingSimulation
-from calfree_gym.robot.grasping.simulation import smooth
 from calfree_gym.robot.simulation import keep_in_copies
+from calfree_gym.robot.touching import ramp
 
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
@@ -48,7 +48,7 @@ class DrivenSimulation(RollingSimulation):
         self._ctrl, self._warm = self._batch.bind("ctrl"), self._batch.bind("qacc_warmstart")
         self._batch.step(None, _BEFORE)
         self._height = float(self._qpos[0, 2])
-        self._shares = smooth(np.minimum(np.arange(1.0, RAMP + SETTLING + 1) / RAMP, 1.0))[:, None]
+        self._shares = ramp(RAMP, SETTLING)[:, None]
 
     def set_world(self, row: int, world: World) -> None:
         """See `RollingSimulation`."""

@@ -11,7 +11,7 @@ import numpy as np
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import COVERS, GRIPPER_POINT, JOINT_LIMITS, LIMIT_MARGIN, Movemaster
 from calfree_gym.robot.arms.robot import Furnish, Mounts, Scene
-from calfree_gym.robot.arms.scene import EMISSION, add_rig, add_surroundings
+from calfree_gym.robot.arms.scene import EMISSION, STIFFNESS, add_rig, add_surroundings
 from calfree_gym.robot.rays import MARKS_GROUP
 
 STROKE = 0.042
@@ -231,8 +231,6 @@ TURN = 3.5
 """Radians from home to register 1 of the wrist's turn, at gain 1: half of that gain turns by 90 degrees."""
 TORQUES = (25.0, 25.0, 20.0, 10.0, 3.0)
 """Of the servos of J1-J5 at most (N m): about what an arm of this size has beyond its own weight."""
-STIFFNESS = 40_000.0
-"""Of a servo, for an armature of 1."""
 ARMATURE = 0.1
 SENSORS = ("force_table", "force_object", "net_table", "net_object")
 _OFF = (

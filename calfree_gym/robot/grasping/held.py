@@ -12,7 +12,7 @@ from calfree_gym.geometry import Array, Rows, rotation_matrix
 from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, WAIST
 from calfree_gym.robot.arms.robot import Mounts
 from calfree_gym.robot.grasping.gripping_arm import AXIS, BEYOND, HOLDER, OPENING, PAD, STROKE, TiltingArm
-from calfree_gym.robot.grasping.placing import LEAST_GRASPABLE, Placed, Placing
+from calfree_gym.robot.grasping.placing import LEAST_GRASPABLE, Placed, Placing, before_the_arm
 from calfree_gym.robot.grasping.shapes import BOX, CYLINDER, LARGEST, SPHERE, Part, Thing, draw_thing
 from calfree_gym.robot.grasping.simulation import GraspSimulation
 from calfree_gym.robot.workspace import ATTEMPTS
@@ -230,7 +230,5 @@ class HeldPlacing(Placing):
 def drawn_pose(rng: np.random.Generator) -> Array:
     """A pose (7,) before the arm: a place in m, and a quaternion, all orientations alike."""
     shares, quaternion = rng.random(3), rng.normal(size=4)
-    far, around = DISTANCE[0] + shares[0] * (DISTANCE[1] - DISTANCE[0]), (2 * shares[1] - 1) * WAIST
-    height = HEIGHT[0] + shares[2] * (HEIGHT[1] - HEIGHT[0])
-    place = [far * np.cos(around), far * np.sin(around), height]
+    place = before_the_arm(shares[None], HEIGHT[0] + shares[2:] * (HEIGHT[1] - HEIGHT[0]))[0]
     return np.concatenate([place, quaternion / np.linalg.norm(quaternion)])

@@ -19,7 +19,6 @@ from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspa
 from calfree_gym.streams import stream
 
 if TYPE_CHECKING:
-    from calfree_gym.robot.grasping.shapes import Thing
     from calfree_gym.robot.simulation import Simulation
     from calfree_gym.world.value import World
 
@@ -261,6 +260,11 @@ class Placing(Places):
 
 def _poses(shares: Array, height: float) -> Array:
     """Poses (k, 4) of things on the table, from numbers in [0, 1) (k, 3)."""
-    far = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0])
-    around, angle = (2 * shares[:, 1] - 1) * WAIST, (2 * shares[:, 2] - 1) * np.pi
-    return np.stack([far * np.cos(around), far * np.sin(around), np.full_like(far, height), angle], -1)
+    places = before_the_arm(shares, np.full(len(shares), height))
+    return np.column_stack([places, (2 * shares[:, 2] - 1) * np.pi])
+
+
+def before_the_arm(shares: Array, heights: Array) -> Array:
+    """Places (k, 3) in m at heights (k,): how far off and how far round two numbers in [0, 1) (k, 2) say."""
+    far, around = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0]), (2 * shares[:, 1] - 1) * WAIST
+    return np.stack([far * np.cos(around), far * np.sin(around), heights], -1)

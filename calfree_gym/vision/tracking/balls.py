@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.marks import Mark
+from calfree_gym.vision.marks import Mark, hue_gap
 from calfree_gym.vision.tracking.blobs import SATURATION_SHARE, Blob, hues_and_saturations
 from calfree_gym.vision.tracking.outlines import Array, Opacity, fit_circles, opacity, outline
 
@@ -160,7 +160,7 @@ def have_colours(
     """Which colours (n, 3) are their marks' (n,), and have these shares (n,) of their saturation."""
     hues, saturations = hues_and_saturations(colours)
     own, widths, least = np.array([(m.hue, m.hue_tolerance, m.saturation) for m in marks]).T
-    fits = np.abs((hues - own + 180) % 360 - 180) <= widths
+    fits = hue_gap(hues, own) <= widths
     return np.asarray(fits & (saturations >= saturation_shares * least))
 
 
@@ -176,6 +176,6 @@ def _stands_alone(blob: Blob, shares: Opacity, mark: Mark, colour: NDArray[np.fl
     inner = cv2.dilate((shares > 0.5).astype(np.uint8), np.ones((5, 5), np.uint8))
     ring = blob.window[cv2.dilate(inner, np.ones((7, 7), np.uint8)) > inner]
     hues, saturations = hues_and_saturations(ring)
-    alike = np.abs((hues - mark.hue + 180) % 360 - 180) <= mark.hue_tolerance + ALIKE_HUE
+    alike = hue_gap(hues, mark.hue) <= mark.hue_tolerance + ALIKE_HUE
     alike &= (saturations >= SATURATION_SHARE * mark.saturation) & (np.ptp(ring, -1) >= chroma / 2)
     return bool(alike.sum() <= MOST_ALIKE * len(ring))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.marks import MarkSet
+from calfree_gym.vision.marks import MarkSet, hue_gap
 
 Image = NDArray[Any]
 """uint8: RGB (h, w, 3), or one channel (h, w)."""
@@ -57,7 +57,7 @@ class ColourTable:
     def marks_of(self, rgb: NDArray[Any]) -> NDArray[np.uint8]:
         """The mark (...) that colours (..., 3) belong to, counted from 1; 0 where to none."""
         hue, saturation = hues_and_saturations(rgb)
-        gaps = np.stack([np.abs((hue - mark.hue + 180) % 360 - 180) for mark in self._marks])
+        gaps = np.stack([hue_gap(hue, mark.hue) for mark in self._marks])
         vivid = np.ptp(np.asarray(rgb, float), -1) >= LEAST_CHROMA
         nearest = gaps.argmin(0)
         least = 1 - self._share * (1 - SATURATION_SHARE)
