@@ -83,10 +83,13 @@ def agent(
     """Puts the class that follows under a name, see `NamedAgent`; what does other tasks may stand there too.
 
     Raises:
+        TypeError: The class has no `settings`, as `agents.Agent` and what derives from it have.
         ValueError: Another class stands there already that does one of these tasks.
     """
 
     def named(where: C) -> C:
+        if not isinstance(where, str) and not hasattr(where, "settings"):
+            raise TypeError(f"{where} must be derived from agents.Agent to be called {name!r}")
         new = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
         first = AGENTS.setdefault(name, new)
         for task in tasks:

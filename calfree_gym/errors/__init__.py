@@ -6,8 +6,8 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Iterable
-from numbers import Integral
-from typing import ParamSpec
+from numbers import Integral, Real
+from typing import Any, ParamSpec
 
 P = ParamSpec("P")
 
@@ -47,14 +47,10 @@ def check_whole(name: str, value: object, least: int, most: int, besides: str = 
         raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}{besides}")
 
 
-def check_positive(name: str, value: object, most: float = math.inf) -> None:
+def check_positive(name: str, value: Any, most: float = math.inf) -> None:
     """Raises ValueError where an argument is no number above 0, of at most `most`."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not 0 < value <= most
-        or value == math.inf
-    ):
+    number = float(value) if not isinstance(value, bool) and isinstance(value, Real) else math.nan
+    if not 0 < number <= most or number == math.inf:
         raise ValueError(
             f"{name} is {value!r}; it must be a number above 0{f', at most {most:g}' * (most < math.inf)}"
         )

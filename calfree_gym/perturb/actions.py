@@ -24,6 +24,8 @@ def middle(box: Any) -> Array:
 def executed(action: Any, world: World, rest: Array, box: Any, spread: Array, normal: Array) -> Any:
     """The action (m,) that is executed; numbers whose motor is not at fault are as given, to the bit.
 
+    In a box of whole numbers it is rounded. A number that has no range is nobody's fault.
+
     Args:
         action: As given (m,).
         world: Of which a word of 1 is half of a number's range.
@@ -32,7 +34,8 @@ def executed(action: Any, world: World, rest: Array, box: Any, spread: Array, no
         spread: Standard deviation (m,), in words.
         normal: Standard normal numbers (m,).
     """
-    at_fault = (
+    half = box.high / 2.0 - box.low / 2.0
+    at_fault = (half > 0) & (
         ((world.motor_sign * world.motor_gain) != 1)
         | (spread > 0)
         | (world.shortfall > 0)
@@ -41,11 +44,12 @@ def executed(action: Any, world: World, rest: Array, box: Any, spread: Array, no
     )
     if not at_fault.any():
         return action
-    given, half = np.asarray(action, float), box.high / 2.0 - box.low / 2.0
-    words = (given - rest) / half
+    given, kind = np.asarray(action, float), np.asarray(action).dtype
+    words = (given - rest) / np.where(at_fault, half, 1.0)
     words = np.where(np.abs(words) <= world.dead_zone, 0.0, words)
     longest = np.where(world.longest_motion < 1, world.longest_motion, np.inf)
     words = np.clip(words, -longest, longest) * (1 - world.shortfall)
     words = words * world.motor_sign * world.motor_gain + spread * normal
     there = np.clip(rest + half * words, np.minimum(box.low, given), np.maximum(box.high, given))
-    return np.where(at_fault, there, given).astype(np.asarray(action).dtype)
+    there = np.where(at_fault, np.rint(there) if box.dtype.kind in "iu" else there, given)
+    return there.astype(kind if kind.kind == "f" else box.dtype)

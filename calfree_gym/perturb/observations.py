@@ -13,7 +13,9 @@ Keys = tuple[str, ...]
 
 
 def keys_of(path: Path) -> Keys:
-    """The keys of a path."""
+    """The keys of a path; raises ValueError where it is none."""
+    if not isinstance(path, str | Sequence):
+        raise ValueError(f"found {path!r}; allowed: the key of a part of observations, or a list of keys")
     return (path,) if isinstance(path, str) else tuple(path)
 
 
@@ -40,12 +42,13 @@ def leaves(space: gym.Space[Any], keys: Keys = ()) -> dict[Keys, gym.Space[Any]]
 
 
 def check_path(name: str, keys: Keys, space: gym.Space[Any]) -> None:
-    """Raises ValueError, naming those that there are, where observations have no such part."""
-    try:
-        leaf(space, keys)
-    except (KeyError, TypeError, AttributeError):
+    """Raises ValueError, naming those that there are, where mappings of observations have no such part."""
+    below: Any = space
+    for key in keys:
+        below = below.spaces.get(key) if isinstance(below, gym.spaces.Dict) else None
+    if below is None:
         known = ", ".join("/".join(path) for path in leaves(space) if path) or "no keys"
-        raise ValueError(f"{name} names {'/'.join(keys)!r}, but observations have: {known}") from None
+        raise ValueError(f"{name} names {'/'.join(map(str, keys))!r}, but observations have: {known}")
 
 
 def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> Mapping[str, Keys]:

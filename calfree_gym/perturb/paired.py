@@ -132,16 +132,19 @@ def paired(
         **perturb: Other arguments of `Perturb`, such as `images` and `per`.
 
     Raises:
-        ValueError: There is no schedule, or one that is not allowed here; `episodes` is no whole number; or
-            infos do not tell success.
+        ValueError: There is no schedule, or one that is not allowed here; `episodes` is no whole number;
+            `make_env` gives an environment twice; or infos do not tell success.
     """
     check_whole("episodes", episodes, 1, LIFE)
     if not isinstance(schedules, Mapping) or not schedules:
         raise ValueError(f"schedules is {schedules!r}; it must be schedules by name, such as {{'none': []}}")
     with ExitStack() as made:
-        lives = {}
+        lives: dict[str, _Episodes] = {}
         for name, schedule in schedules.items():
-            env = made.enter_context(closing(Perturb(make_env(), schedule, seed=seed, **perturb)))
+            bare = make_env()
+            if any(bare.unwrapped is each.unwrapped for each in lives.values()):
+                raise ValueError("make_env gave the same environment again; it must make a new one each time")
+            env = made.enter_context(closing(Perturb(bare, schedule, seed=seed, **perturb)))
             lives[name] = _Episodes(wrap(env) if wrap else env, seed, success or _told)
         for life in lives.values():
             if learns:

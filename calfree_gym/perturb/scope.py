@@ -64,6 +64,8 @@ class Scope:
                 raise ValueError(f"images names {self._no_camera(name)}")
             if keys is not None:
                 check_path("images", keys, space)
+        if isinstance(late, str):
+            raise ValueError(f"late is {late!r}; it must be a list of parts, such as [{late!r}]")
         self.late: tuple[Keys, ...] = ((),) if late is None else tuple(map(keys_of, late))
         for keys in self.late:
             check_path("late", keys, space)

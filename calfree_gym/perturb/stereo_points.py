@@ -13,9 +13,9 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs, seeding
 from numpy.typing import ArrayLike
 
-from calfree_gym.errors import check_choice, check_whole
+from calfree_gym.errors import check_choice, check_positive, check_whole
 from calfree_gym.geometry import Array, rotation_matrix
-from calfree_gym.image import IMAGE_UNIT, inside
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, inside
 from calfree_gym.perturb.actions import bounded
 from calfree_gym.perturb.simulation import find_simulation
 from calfree_gym.reaching import reaching_observation, reaching_spaces
@@ -59,6 +59,12 @@ class Words:
     settle: int = 0
     absolute: bool = False
     rest: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        check_whole("steps", self.steps, 1, 10**6)
+        check_whole("settle", self.settle, 0, 10**6)
+        if not len(self.entries) or len({*self.entries}) < len(self.entries):
+            raise ValueError(f"entries is {self.entries!r}; it must be different places in the action")
 
     def actions(self, box: gym.spaces.Box[Any], registers: Array, words: Array) -> Iterator[Array]:
         """The actions of one motion, by words (m,), from registers (m,) on."""
@@ -193,6 +199,14 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         box: Any = self.env.action_space
         if not bounded(box):
             raise ValueError(f"actions are {box}; words need a box of finite numbers (n,)")
+        if not isinstance(self._words, Words):
+            raise ValueError(f"words is {self._words!r}; it must be Words")
+        rest = self._words.rest
+        if rest is not None and (np.shape(rest) != box.shape or not np.isfinite(rest).all()):
+            raise ValueError(f"rest is {rest!r}; it must be {box.shape[0]} finite numbers")
+        check_positive("tolerance_px", self._tolerance_px, IMAGE_SIZE)
+        if not 0 <= self._noise_px <= IMAGE_SIZE:
+            raise ValueError(f"noise_px is {self._noise_px!r}; allowed: 0 to {IMAGE_SIZE}")
         for entry in self._words.entries:
             check_whole("an entry of words", entry, 0, box.shape[0] - 1)
         if len(self._cameras) != 2:

@@ -60,7 +60,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
       before comes again. After a reset the first one holds. Rewards are not late.
 
     Other types are refused. Where an environment builds its model anew at a reset, or changes it, the first
-    image of that episode is of cameras and lights as it has left them.
+    image of that episode is of cameras and lights as it has left them. One that writes its cameras in every
+    step undoes a knock; one that adds to where they are at a reset adds to the knock.
 
     Attributes:
         applied: The perturbations applied before the last step or reset, with all that they drew.

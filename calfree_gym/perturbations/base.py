@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
+from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -52,11 +53,11 @@ class Setting:
         if self.part:
             return None if isinstance(value, str) else f"it must name one of the robot's {self.part}"
         kind = "a whole number" if self.whole else "a number"
-        if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
+        if isinstance(value, bool) or not isinstance(value, Integral if self.whole else Real):
             return f"it must be {kind}"
         if not math.isfinite(value):
             return "it must be finite"
-        if not self.least <= value <= self.most:
+        if not self.least <= float(value) <= self.most:
             return f"it must be {kind} from {self.least:g} to {self.most:g}"
         return None
 
@@ -121,6 +122,8 @@ class Perturbation:
         for name in self.settings():
             if (value := getattr(self, name)) is not None:
                 self.check(name, value)
+                if isinstance(value, np.generic):
+                    object.__setattr__(self, name, value.item())
 
     def check(self, name: str, value: Any) -> None:
         """Raises ValueError where a setting may not have this value; says what it may be."""

@@ -210,7 +210,8 @@ class Renderer:
         with current(self._gl):
             self._context = drawing_context(model)
         self._options = mujoco.MjvOption()
-        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite + SPARE)
+        self._options.sitegroup[:] = 0  # they are no things
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + SPARE)
         keep_in_copies(self)
 
     def draw(

@@ -174,9 +174,10 @@ class ObjectDraws(OfWorlds):
                 return objects, drawn_at, open_
         hidden = "" if self._lines is None else ", and hidden by nothing (as images and occlusion=True need)"
         hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
+        apart_px = self._apart[rows[open_[0]], 0] / IMAGE_UNIT
         raise ValueError(
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
-            f"cameras{hidden}, and seen more than {self._apart[rows[open_[0]]] / IMAGE_UNIT:.0f} px from the "
+            f"cameras{hidden}, and seen more than {apart_px:.0f} px from the "
             "gripper at home (the tolerance, and what noise may add to it), in row "
             f"{rows[open_[0]]}, trial {trials[open_[0]]}: see its world"
         )

@@ -1,11 +1,13 @@
 """Agents in modules of the user's, "my_module:mine": which code they are, and when it is imported."""
 
+import ast
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from sysconfig import get_path
 
 from pydantic import ValidationInfo
 
@@ -15,6 +17,9 @@ TOLD = "told"
 """The context in which suites are read that results tell of: nothing is imported, for a stranger may have
 written them."""
 _KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
+_WEIGHTS = ("*.npz", "*.onnx", "*.pt", "*.pth", "*.zip")
+"""Other files in which learners of the user's may be kept."""
+_OURS = ("agents", "calfree_agents", "calfree_gym", "experiments")
 _NAME = re.compile(r"[\w.]+:[\w.-]+")
 
 
@@ -48,18 +53,45 @@ def code_here(told: str, info: ValidationInfo) -> str:
 
 @cache
 def code_of(module: str) -> str:
-    """A hash over the sources of the package that a module is in, or of the module where it is in none."""
-    spec = find_spec(module.partition(".")[0])
-    assert spec is not None, module
-    roots = [Path(root) for root in spec.submodule_search_locations or [spec.origin or ""]]
-    return hash_of(roots, roots[0].parent)
+    """A hash over the module, or the package that it is in, and over all of its folder that it imports."""
+    first, *_ = roots = _roots(module.partition(".")[0])
+    installed = {Path(get_path(each)) for each in ("purelib", "platlib", "stdlib")}
+    new = [] if first.parent in installed else [*roots]
+    while new:
+        sources = (file for root in new for file in ([root] if root.is_file() else root.rglob("*.py")))
+        names = {name for file in sources for name in _imported(file)} - {*_OURS}
+        found = {root for name in sorted(names) for root in _roots(name) if root.parent == first.parent}
+        new = sorted(found.difference(roots))
+        roots += new
+    return hash_of(roots, first.parent, (*_KINDS, *_WEIGHTS))
 
 
-def hash_of(roots: Iterable[Path], above: Path) -> str:
-    """A hash over files, and over all sources in folders, by their names below `above`."""
+def _roots(name: str) -> list[Path]:
+    """The file of a module of that name, or the folders of a package; nothing where there is none here."""
+    spec = find_spec(name)
+    if spec is None:
+        return []
+    return [Path(each) for each in spec.submodule_search_locations or [spec.origin or ""]]
+
+
+def _imported(source: Path) -> Iterator[str]:
+    """The first parts of all names that a file imports, wherever in it; none where it is no Python."""
+    try:
+        tree = ast.parse(source.read_bytes())
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (each.name.partition(".")[0] for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.partition(".")[0]
+
+
+def hash_of(roots: Iterable[Path], above: Path, kinds: Sequence[str] = _KINDS) -> str:
+    """A hash over files, and over all files of these kinds in folders, by their names below `above`."""
     digest = hashlib.sha256()
     for path in roots:
-        files = [path] if path.is_file() else [file for kind in _KINDS for file in path.rglob(kind)]
+        files = [path] if path.is_file() else [file for kind in kinds for file in path.rglob(kind)]
         for file in sorted(files):
             digest.update(str(file.relative_to(above)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:12]

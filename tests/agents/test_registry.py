@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.base.registration import AGENTS
+from agents.base.registration import AGENTS, agent
 from agents.moved import MOVED
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.arms.own import ARMS
@@ -85,6 +85,15 @@ def test_wrong_settings_say_what_is_allowed(name, setting, value, said):
     message = re.escape(f"agent '{name}': {setting} is {wrong!r}") + f".*{said}"
     with pytest.raises(ValueError, match=message):
         agents.make(name, gym.make(f"CalFree/{task}-v0", **told), **{setting: value})
+
+
+def test_a_class_that_is_no_agent_gets_no_name():
+    class Still:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return np.zeros(3), None
+
+    with pytest.raises(TypeError, match=r"Still.* must be derived from agents.Agent to be called 'still'"):
+        agent("still", "Does not move.")(Still)
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,24 @@ def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp
     assert {*before} & {*after} & {*last} == {run for run in before if "-random-" in run}
 
 
+def test_a_module_is_what_it_imports_from_its_folder_and_a_package_its_weights(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "alone.py").write_text("import numpy, agents\n\ndef later():\n    from helping import gain")
+    (tmp_path / "helping.py").write_text("import other.part")
+    (tmp_path / "other").mkdir()
+    written = [tmp_path / "other" / name for name in ("__init__.py", "part.py", "net.pt")]
+    written += [tmp_path / "helping.py", tmp_path / "alone.py"]
+    found = []
+    for path in (None, *written, tmp_path / "unrelated.py"):
+        if path:
+            path.write_text(f"{path.read_text() if path.exists() else ''}\n# more")
+        importlib.invalidate_caches()
+        code_of.cache_clear()
+        found.append(code_of("alone"))
+    assert len({*found}) == len(found) - 1
+    assert found[-1] == found[-2]
+
+
 @pytest.mark.parametrize(
     ("name", "asked", "said"),
     [

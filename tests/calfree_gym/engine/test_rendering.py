@@ -87,6 +87,19 @@ def _greens(image):
     return np.count_nonzero(green > 1.5 * np.maximum(red, blue))
 
 
+def test_a_model_s_own_sites_hide_nothing():
+    text = (MODELS / "hobby.xml").read_text()
+    looks = []
+    for size in (0.001, 0.1):
+        sites = text.replace("<site ", f'<site size="{size}" rgba="1 1 1 1" ')
+        assert sites != text
+        env = kinematic(
+            arm=calfree_gym.Arm(sites, "tip"), camera_mount="stand", observation="pixels", world="nominal"
+        )
+        looks.append(env.reset(seed=0)[0])
+    np.testing.assert_array_equal(*(look["pixels"] for look in looks))
+
+
 @pytest.mark.parametrize("arm", ["movemaster", pytest.param("torque", marks=pytest.mark.slow)])
 def test_rays_hide_what_pixels_hide(images_of, arm):
     chosen = arm if arm == "movemaster" else arm_named(arm)

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from functools import cache
 
 import gymnasium as gym
 import numpy as np
@@ -125,6 +126,10 @@ class Silent(gym.ObservationWrapper):
         ({"schedules": [NONE]}, "must be schedules by name"),
         ({"episodes": 0}, "episodes is 0"),
         ({"make_env": lambda: Silent(TableTop())}, "info has speed.*is_success, success.*success="),
+        (
+            {"make_env": cache(TableTop), "schedules": {"none": NONE, "more": NONE}},
+            "the same environment again",
+        ),
         ({"schedules": {"none": NONE, "bad": [{"at": 3}]}}, "schedule.0 is .* must be a mapping"),
     ],
 )

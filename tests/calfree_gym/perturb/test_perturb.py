@@ -152,6 +152,24 @@ def test_motors_are_at_fault_about_where_the_arm_rests():
             np.testing.assert_array_equal(found[:, 1], np.float32([0.02, 0.02, 0.05, 0.02]))
 
 
+@pytest.mark.parametrize(
+    ("box", "action", "there"),
+    [
+        (gym.spaces.Box(-10, 10, (3,), np.int64), np.array([1, 4, -10]), [1, 3, -7]),
+        (gym.spaces.Box(-10.0, 10.0, (3,), np.float32), [1, 4, -10], [0.7, 2.8, -7]),
+        (gym.spaces.Box(np.float32([-10, 2, -10]), np.float32([10, 2, 10])), [1.0, 2.0, -10.0], [0.7, 2, -7]),
+    ],
+    ids=["whole numbers", "whole numbers of others", "no range"],
+)
+def test_actions_of_any_kind_of_numbers_are_executed_as_such(box, action, there):
+    gains = [each for motor in range(3) for each in do("motor_gain", motor=f"action{motor}", factor=0.7)]
+    env = begun(Perturb(Canvas(box), gains, seed=0), None)
+    for _ in range(2):
+        env.step(action)
+    assert env.unwrapped.got.dtype == box.dtype or isinstance(action[0], float)
+    np.testing.assert_allclose(env.unwrapped.got, there, atol=1e-6)
+
+
 def test_repeatability_is_in_hundredths_of_the_range():
     do = {"type": "repeatability", "motor": "reach", "degrees": 2}
     found = sent([{"at": {"step": 0}, "do": do}], [[0.0, 0.0]] * 400)
@@ -320,6 +338,13 @@ AIM, BLURRED = do("camera_aim"), do("blur")
         (BLURRED, {"images": {"wrst": "state"}}, r"images names .* 'wrst' \(did you mean wrist\?\)"),
         (BLURRED, {"images": {"wrist": ("pixels", "top")}}, "'pixels/top', but observations have: pixels/fr"),
         (do("latency"), {"late": ["stat"]}, "late names 'stat', but observations have: pixels/front, state"),
+        (
+            do("latency"),
+            {"late": "state"},
+            r"late is 'state'; it must be a list of parts, such as \['state'\]",
+        ),
+        (do("latency"), {"late": [("pixels", 0)]}, "late names 'pixels/0', but observations have: pixels/fr"),
+        (do("latency"), {"late": [3]}, "found 3; allowed: the key of a part"),
         (do("motor_sign", motor="elbow"), {}, r"schedule\.0: motor_sign.motor is 'elbow'; allowed: s"),
         (do("joint_zero", joint="elbow"), {}, r"schedule\.0: joint_zero.joint is 'elbow'; allowed: s"),
         (do("link_length"), {}, r"schedule\.0: link_length needs a robot of calfree's own"),

@@ -131,6 +131,11 @@ def test_an_episode_ends_at_the_rendezvous_and_where_the_environment_ends_it():
         ({"gripper": "tap"}, "a site is 'tap'"),
         ({"cameras": ("top", "frnt")}, r"a camera is 'frnt' \(did you mean front\?\); allowed: top, front"),
         ({"cameras": ("top",)}, "there must be two"),
+        ({"words": (0, 1, 2)}, r"words is \(0, 1, 2\); it must be Words"),
+        ({"words": Words((0, 1), rest=(0, 0))}, r"rest is \(0, 0\); it must be 3 finite numbers"),
+        ({"noise_px": -1}, "noise_px is -1; allowed: 0 to 512"),
+        ({"noise_px": np.nan}, "noise_px is nan"),
+        ({"tolerance_px": np.nan}, "tolerance_px is nan; it must be a number above 0"),
         ({"words": Words((0, 3))}, "an entry of words is 3; it must be a whole number from 0 to 2"),
     ],
 )
@@ -144,6 +149,9 @@ def test_bad_actions_and_words_are_refused():
     env.action_space = gym.spaces.Discrete(4)
     with pytest.raises(ValueError, match="words need a box"):
         made(env)
+    for wrong in ({"steps": 0}, {"steps": -3}, {"settle": -9}, {"entries": (0, 0, 2)}, {"entries": ()}):
+        with pytest.raises(ValueError, match=f"{next(iter(wrong))} is .*must be"):
+            Words(**({"entries": (0, 1, 2)} | wrong))
     env = begun(made())
     for bad in (np.zeros(2), np.full(3, np.nan)):
         with pytest.raises(ValueError, match="3 finite numbers"):

@@ -181,9 +181,17 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     assert drawn.change(built, perturbation.built) == one
 
 
+def test_numbers_of_numpy_are_numbers():
+    for number in (np.int64(2), np.float32(2), np.float64(2)):
+        found = kinds.parse_perturbation({"type": "motor_gain", "motor": "waist", "factor": number})
+        assert json.loads(json.dumps(found.to_dict()))["factor"] == 2
+    assert kinds.parse_perturbation({"type": "latency", "motions": np.int32(3)}).to_dict()["motions"] == 3
+
+
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
+        ({"type": "latency", "motions": np.bool_(True)}, "it must be a whole number"),
         ({"type": "camera_rol"}, "camera_rol.*did you mean camera_roll"),
         ({"type": "camera_roll", "degree": 3}, "'degree'.*did you mean degrees.*camera, degrees"),
         ({"type": "camera_roll", "camera": 0}, "camera is 0; it must name one of the robot's cameras"),

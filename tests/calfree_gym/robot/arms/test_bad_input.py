@@ -177,6 +177,12 @@ def test_an_arm_of_a_wrong_type(arm):
         make(arm=arm)
 
 
+def test_where_no_object_is_far_enough_from_the_gripper_it_says_how_far_that_is():
+    env = make(world="nominal", dynamics="kinematic", tolerance_px=255)
+    with pytest.raises(ValueError, match=r"seen more than 25\d px from the gripper at home"):
+        env.reset(seed=0)
+
+
 @pytest.mark.parametrize(
     "mount", ["wrist", ("stand",), ("stand", "wrist"), ("waist", "stand", "waist"), 3, None]
 )
