@@ -123,7 +123,8 @@ class Agent(ABC):
     Attributes:
         name: Under which `agents.make` made it; else empty.
         privileged: What it requires beyond the standard observations, by the names of `tell=`; mostly empty.
-        prior_knowledge: What it is built on beyond its observations; every table prints it.
+        prior_knowledge: What it is built on beyond its observations, which every table prints; an agent of
+            your own sets it, to an empty one where that is nothing.
         rows: How many arms, all in one world, it learns from at once where it can.
         num_timesteps: Motions that it has made in `learn`, over its whole life.
 

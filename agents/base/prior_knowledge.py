@@ -32,6 +32,8 @@ class PriorKnowledge(StrEnum):
     """How large a word may be, chosen for motors of this strength."""
     TRAINING_WORLDS = "training worlds"
     """Worlds of the same distribution, in which it was trained before."""
+    UNDECLARED = "not declared"
+    """What an agent in a module of the user's is built on that does not set its `prior_knowledge`."""
 
 
 def in_order(known: Collection[PriorKnowledge]) -> tuple[PriorKnowledge, ...]:

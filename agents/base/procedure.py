@@ -74,13 +74,16 @@ class RunningTrial:
 
     def words(self, now: Any) -> Array:
         """The next control words (m,) to send; zero words once the procedure has ended."""
-        wanted = self._wanted(now)
+        wanted = np.asarray(self._wanted(now), float)
+        if wanted.shape != now.registers.shape:
+            agent, _, motors = self.of
+            raise ValueError(f"{agent.__name__}.procedure yields {wanted!r:.80}; it must be {motors} words")
         why = self._agent.why_still(self.findings) or (self.UNMOVED if self._unmoved >= self.WORDS else "")
         why = self.UNSEEN if self._procedure is None else why
         if why and not self.says:
             warnings.warn(f"{self!r}: {why}", stacklevel=3)
         self.says = why
-        return self.send(self._registers.words(np.asarray(wanted, float)))
+        return self.send(self._registers.words(wanted))
 
     def send(self, words: Array) -> Array:
         """Notes that these words (m,) are sent."""

@@ -48,7 +48,9 @@ def requirements_in(
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
     if made.rows > 1 and env.redraw != "never":
         raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")
-    known = in_order(made.prior_knowledge)
+    theirs = [each for each in type(made).__mro__ if each.__module__.partition(".")[0] != "agents"]
+    tells = made.prior_knowledge or any("prior_knowledge" in vars(each) for each in theirs)
+    known = in_order(made.prior_knowledge if tells or ":" not in agent.name else {PriorKnowledge.UNDECLARED})
     return Requirements(made.privileged, {**mount, **agent.settings}, made.rows, known)
 
 

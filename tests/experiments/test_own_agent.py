@@ -11,8 +11,11 @@ import pytest
 import agents
 from agents.base.registration import AGENTS
 from experiments.__main__ import main
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.loading import load
 from experiments.config.own_agents import code_of
+from experiments.config.requirements import requirements
+from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.running.run import parse_run
 from tests.experiments.fakes import ids, runs
@@ -94,6 +97,19 @@ def test_its_runs_are_made_anew_where_its_package_changes(write, suite_data, tmp
     own = [run for run in (*before, *after, *last) if "-own-" in run]
     assert len({*own}) == len(own) == 6
     assert {*before} & {*after} & {*last} == {run for run in before if "-random-" in run}
+
+
+def test_what_an_own_agent_must_know_is_nothing_only_where_it_says_so(write):
+    env = EnvironmentConfig(id="CalFree/Reach-v0", world="nominal")
+    for told, known in (
+        ("", ("not declared",)),
+        ("prior_knowledge = frozenset()", ()),
+        ("prior_knowledge = frozenset({PriorKnowledge.NOISE})", ("noise",)),
+    ):
+        imported = "from agents.base.prior_knowledge import PriorKnowledge"
+        write(more=f"{imported}\nRandomAgent = type('Base', (RandomAgent,), dict({told}))")
+        found = requirements(AgentConfig.model_validate("lab.servo:own", context=["lab"]), env)
+        assert found.prior_knowledge == known
 
 
 def test_a_module_is_what_it_imports_from_its_folder_and_a_package_its_weights(tmp_path, monkeypatch):

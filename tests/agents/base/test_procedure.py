@@ -56,6 +56,16 @@ def test_an_agent_that_learns_is_not_saved_without_what_it_has_learned(make_env,
     assert (tmp_path / "learner.npz").exists() == (len(own) == 2)
 
 
+def test_words_that_are_too_few_are_told_by_the_class_that_sends_them(make_env):
+    class Brief(Diary):
+        def procedure(self, first, findings):
+            yield [0.0, 0.0]
+
+    env = make_env()
+    with pytest.raises(ValueError, match=r"Brief.procedure yields array\(\[0., 0.\]\); it must be 3 words"):
+        Brief(env).predict(env.reset(seed=0)[0])
+
+
 def test_a_procedure_that_has_ended_sends_zero_words(make_env):
     class Once(Diary):
         def procedure(self, first, findings):
