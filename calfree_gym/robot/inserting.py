@@ -22,7 +22,6 @@ from calfree_gym.robot.grasping.gripping_arm import (
 from calfree_gym.robot.grasping.placing import BLOCK, LEAST_GRASPABLE, Places, before_the_arm
 from calfree_gym.robot.grasping.simulation import OBJECT, GraspSimulation
 from calfree_gym.robot.grasping.simulation import POINTS as OF_GRASPING
-from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import Picture
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, Workspaces
 from calfree_gym.streams import stream
@@ -223,14 +222,12 @@ class Holes(Places):
     axis is that of the gripper at the hole, but for an angle within `LEANS`.
 
     Args:
-        robot, workspaces, motors: See `Places`.
+        robot, workspaces: See `Places`.
         keep_in_view: Whether both cameras must see them.
     """
 
-    def __init__(
-        self, robot: GrippingArm, workspaces: Workspaces, motors: MotorMap, keep_in_view: bool
-    ) -> None:
-        super().__init__(robot, workspaces, motors)
+    def __init__(self, robot: GrippingArm, workspaces: Workspaces, keep_in_view: bool) -> None:
+        super().__init__(robot, workspaces)
         self._keep_in_view = keep_in_view
 
     def draw(self, row: int, seed: int, trial: int, world: World) -> Array:
@@ -281,7 +278,7 @@ class Holes(Places):
         angles, reached = self.joints_at(row, world, places)
         axis = self._robot.axis(angles)
         frames = np.stack([_frame(-a, turn) for a, turn in zip(axis, turns, strict=True)])
-        tip = self._robot.gripper_position(self.home(row), world.link_lengths)
+        tip = self._robot.gripper_position(self._workspaces.home(row), world.link_lengths)
         reached &= np.einsum("nk,nk->n", tip - places, frames[:, :, 2]) > CLEAR
         seen = np.ones(len(places), bool)
         marks = [places, *(places + sign * RIM * frames[:, :, i] for i in (0, 1) for sign in (1, -1))]

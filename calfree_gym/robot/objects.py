@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
-from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.rays import MARKS, shares_by_camera
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, Candidates, Workspaces, judging_draws
@@ -81,7 +80,6 @@ class ObjectDraws(OfWorlds):
 
     Args:
         workspaces: Of the N worlds.
-        motors: Of the N arms.
         tolerance: Of the rendezvous, in image units.
         keep_in_view: Whether both cameras must see an object, from home and with the gripper there.
         lines: Tells what hides it, where that matters.
@@ -93,16 +91,15 @@ class ObjectDraws(OfWorlds):
     def __init__(
         self,
         workspaces: Workspaces,
-        motors: MotorMap,
         tolerance: float,
         keep_in_view: bool,
         lines: LinesOfSight | None,
         way_is_free: Callable[[int, Array, Array], bool] | None = None,
     ) -> None:
         self._way_is_free = way_is_free
-        self._workspaces, self._motors, self._lines = workspaces, motors, lines
+        self._workspaces, self._motors, self._lines = workspaces, workspaces.motors, lines
         self._tolerance, self._keep_in_view = tolerance, keep_in_view
-        rows, self._count = motors.lowest.shape
+        rows, self._count = self._motors.shape
         self._apart = np.zeros((rows, 1))
         self._streams = CounterStreams(rows, "objects")
         self._ahead: list[dict[int, tuple[Array, Array]]] = [{} for _ in range(rows)]

@@ -169,7 +169,7 @@ class GraspArms(ContactArms):
         super().__init__(simulation, robot, 2 * len(POINTS), config)
         in_sight = InSight(self.simulation) if self._sight.renders else None
         things = config.shape, config.keep_in_view, in_sight
-        self.placing = placing_of(robot, self._workspaces, self.motors, *things)
+        self.placing = placing_of(robot, self._workspaces, *things)
         self.jaws, self.openings = np.zeros(rows), np.ones(rows)
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)

@@ -139,7 +139,7 @@ class InsertArms(ContactArms):
         robot = InsertingArm(config.clearance / MM)
         simulation = InsertSimulation(rows, robot, robot.mounts(config.camera_mount), threads)
         super().__init__(simulation, robot, 2 * len(POINTS), config)
-        self._holes = Holes(robot, self._workspaces, self.motors, config.keep_in_view)
+        self._holes = Holes(robot, self._workspaces, config.keep_in_view)
         self.forces, self.largest, self.poses = np.zeros((rows, 2)), np.zeros(rows), np.zeros((rows, 7))
         self.delivered = (self.points, self.visible)
 

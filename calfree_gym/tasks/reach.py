@@ -155,7 +155,7 @@ class ReachArms(Arms):
 
     def _new_objects(self) -> ObjectDraws:
         tolerance = float(self.tolerance)
-        return ObjectDraws(self._workspaces, self.motors, tolerance, self._keep_in_view, self._lines)
+        return ObjectDraws(self._workspaces, tolerance, self._keep_in_view, self._lines)
 
     def new_tracker(self) -> Tracker:
         return StereoTracker()

@@ -100,7 +100,7 @@ class SafeReachArms(ReachArms):
 
     def _new_objects(self) -> ObjectDraws:
         free, tolerance, keep_in_view = self.simulation.way_is_free, float(self.tolerance), self._keep_in_view
-        return ObjectDraws(self._workspaces, self.motors, tolerance, keep_in_view, self._lines, free)
+        return ObjectDraws(self._workspaces, tolerance, keep_in_view, self._lines, free)
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
         """See `Arms`: then each motor gets weaker or stronger, and still there is an object to reach."""

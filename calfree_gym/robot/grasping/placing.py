@@ -12,7 +12,6 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, LIMIT_MARGIN, WAIST
 from calfree_gym.robot.grasping.gripping_arm import AXIS, GrippingArm
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
-from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.objects import NOWHERE
 from calfree_gym.robot.rays import shares_by_camera
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspaces
@@ -102,19 +101,14 @@ class Places:
     Args:
         robot: The arm.
         workspaces: Of the N worlds.
-        motors: Of the N arms.
     """
 
-    def __init__(self, robot: GrippingArm, workspaces: Workspaces, motors: MotorMap) -> None:
-        self._robot, self._workspaces, self._motors = robot, workspaces, motors
-
-    def home(self, row: int) -> Array:
-        """Joints (j,) at home."""
-        return self._motors.joints(np.zeros((1, len(self._robot.motors))), np.array([row]))[0]
+    def __init__(self, robot: GrippingArm, workspaces: Workspaces) -> None:
+        self._robot, self._workspaces, self._motors = robot, workspaces, workspaces.motors
 
     def seen_from_home(self, row: int, points: Array) -> Flags:
         """Which points (k, 3) both cameras see (k,)."""
-        return self.seen_from(row, points, self.home(row)[None].repeat(len(points), 0))
+        return self.seen_from(row, points, self._workspaces.home(row)[None].repeat(len(points), 0))
 
     def seen_from(self, row: int, points: Array, angles: Array) -> Flags:
         """Which points (k, 3) both cameras see (k,), with joints at (k, j)."""
@@ -143,7 +137,7 @@ class Placing(Places):
     """Draws things and their places for N arms: a pure function of seed and trial.
 
     Args:
-        robot, workspaces, motors: See `Places`.
+        robot, workspaces: See `Places`.
         shape: Of the things.
         keep_in_view: Whether both cameras must see them.
         in_sight: Tells what hides them, where that matters.
@@ -153,12 +147,11 @@ class Placing(Places):
         self,
         robot: GrippingArm,
         workspaces: Workspaces,
-        motors: MotorMap,
         shape: ShapeChoice,
         keep_in_view: bool,
         in_sight: InSight | None,
     ) -> None:
-        super().__init__(robot, workspaces, motors)
+        super().__init__(robot, workspaces)
         self._shape, self._keep_in_view = shape, keep_in_view
         self._in_sight = in_sight if keep_in_view else None
 
@@ -203,7 +196,7 @@ class Placing(Places):
 
     def serves(self, row: int, world: World) -> bool:
         """Whether enough of the table is graspable in a world, into which the row is put."""
-        if self._in_sight is not None and not self._in_sight.gripper(row, self.home(row)):
+        if self._in_sight is not None and not self._in_sight.gripper(row, self._workspaces.home(row)):
             return False
         thing = draw_thing("sphere", np.random.default_rng(0))
         poses = _poses(np.random.default_rng(0).random((CHECKED, 3)), thing.height)
@@ -214,7 +207,7 @@ class Placing(Places):
         reached, seen, before = self._judged(row, world, thing, poses)
         if not self._keep_in_view:
             seen[:] = True
-        home = self.home(row)
+        home = self._workspaces.home(row)
         for i in np.flatnonzero(reached & seen):
             if self._in_sight is None or (
                 self._in_sight.thing(row, thing, poses[i], home) == 1
