@@ -17,7 +17,7 @@ from calfree_gym.lerobot import knowledge
 from calfree_gym.lerobot.faults import ArmError, saved
 from calfree_gym.lerobot.frames import Frames
 from calfree_gym.lerobot.mixed_cameras import MixedCameras
-from calfree_gym.lerobot.motors import AHEAD, Motors, Tick
+from calfree_gym.lerobot.motors import AHEAD, FASTEST, Motors, Tick
 from calfree_gym.lerobot.robot import (
     LeRobot,
     check_limits,
@@ -99,7 +99,7 @@ class LeRobotReachEnv(PictureReach):
         marks: What gripper and object are seen by: `Marks`, a YAML file of them, or a tracker.
         motors: Names of those that move; by default all but the gripper's.
         home: Where each motor stands at home, in degrees as LeRobot has them; by default where it stands now.
-            The arm goes to another one slowly.
+            The arm goes to another one slowly, and so it goes home after an error.
         unit: Degrees of one register: so far from home motors go, either way.
         speed: Degrees a second, at most.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
@@ -130,7 +130,7 @@ class LeRobotReachEnv(PictureReach):
     ) -> None:
         for name, value, most in (
             ("unit", unit, 180),
-            ("speed", speed, 360),
+            ("speed", speed, FASTEST),
             ("tolerance_px", tolerance_px, 256),
         ):
             check_positive(name, value, most)
@@ -237,6 +237,7 @@ class LeRobotReachEnv(PictureReach):
             raise ValueError(f"{path}: {error}") from error
         agent.load(known)
         self._set_home(home)
+        self._begun = False
         self._learned[agent] = agent.num_timesteps
 
     @property
@@ -265,10 +266,11 @@ class LeRobotReachEnv(PictureReach):
     def _go_home(self) -> None:
         speed = self._speed * (SLOWLY if self._new_home else 1.0)
         for _ in range(PATIENCE):
-            if not self._go_to(np.zeros_like(self.registers), speed):
+            if not self._go_to(np.zeros_like(self.registers), speed) and not self.registers.any():
                 self._new_home = False
                 return
-        raise self._error(f"on the way home motor {', '.join(self._back)} stays back")
+        off = self._back or [name for name, at in zip(self._motors.names, self.registers, strict=True) if at]
+        raise self._error(f"on the way home motor {', '.join(off)} stays back")
 
     def _move(self, words: Array) -> None:
         self._moved = bool(words.any())
@@ -318,7 +320,7 @@ class LeRobotReachEnv(PictureReach):
         try:
             yield
         except BaseException as error:
-            self._begun = False
+            self._begun, self._new_home = False, True
             self._motors.hold()
             if not isinstance(error, ArmError):
                 error.add_note("The arm holds: its motors keep their torque.")

@@ -34,6 +34,11 @@ REMEMBERED = 50
 """So many motions tell what is usual. Choice: a day's first reaches."""
 PEAK = 1.5
 """The highest speed of a motion, by its mean (smoothstep)."""
+FASTEST = 0.75 * AHEAD * RATE
+"""Degrees a second: goals of faster motions go ahead too far. Choice: what is left is for arms that lag."""
+PUSHED = 360.0
+"""Degrees a second that no motor goes: an STS3215 without a load goes 270 to 360. A reading that is `AHEAD`
+farther off is wrong."""
 
 
 class Motors:
@@ -65,11 +70,13 @@ class Motors:
         self._sleep: Callable[[float], None] = getattr(robot, "sleep", time.sleep)
         self._robot, self._note, self._on_tick = robot, note, on_tick
         self._usual = [deque[float](maxlen=REMEMBERED) for _ in self.names]
-        self._next = -math.inf
+        self._next = self._read_at = -math.inf
+        self._places = [f"{name}{POSITION}" for name in self.names]
+        self._read()
         self._read()
         self.goal = self.here
-        others = [name for name in robot_motors(robot) if name not in self.names]
-        self._others = {f"{name}{POSITION}": float(self.seen[f"{name}{POSITION}"]) for name in others}
+        others = [f"{name}{POSITION}" for name in robot_motors(robot) if name not in self.names]
+        self._others = {name: float(self.seen[name]) for name in others}
 
     def go_to(self, goal: Array, speed: float) -> NDArray[np.bool_]:
         """Goes to a goal (m,), in degrees, and waits until the arm has settled.
@@ -84,21 +91,23 @@ class Motors:
         Returns:
             Which motors (m,) have stayed back.
         """
+        self._take_over()
         self.tick(self.goal)
+        moves = np.abs(goal - self.goal) > STILL
         self._stream(goal, speed)
         self._settle()
         back = self.stay_back
         for usual, short, stays in zip(self._usual, np.abs(self.goal - self.here), back, strict=True):
             if not stays:
                 usual.append(float(short))
-        if back.any():
-            self.tick(np.where(back, self.here, self.goal))
+        if (met := back & moves).any():
+            self.tick(np.where(met, self._nearer, self.goal))
             self._settle()
         return back
 
     def hold(self) -> None:
         """Stays where it was read last, with no more readings: motors that only sag keep their goals."""
-        self.goal = np.where(self.stay_back, self.here, self.goal)
+        self.goal = np.where(self.stay_back, self._nearer, self.goal)
         with suppress(Exception):  # whatever the bus says: without a new goal motors keep their last one
             self._robot.send_action(self._action(self.goal))
 
@@ -108,18 +117,33 @@ class Motors:
         usual = [float(np.median(short)) if short else 0.0 for short in self._usual]
         return np.abs(self.goal - self.here) > np.maximum(SHORT, TIMES * np.array(usual))
 
+    @property
+    def _nearer(self) -> Array:
+        """Goals (m,) where motors stand; where those are farther off, so much nearer."""
+        return np.clip(self.here, self.goal - AHEAD, self.goal + AHEAD)
+
+    def _take_over(self) -> None:
+        """Where somebody has moved motors meanwhile, which had no torque, they stay there."""
+        self._read()
+        self._read()
+        self.goal = np.where(np.abs(self.goal - self.here) > AHEAD, self.here, self.goal)
+        for name, there in self._others.items():
+            if abs(float(self.seen[name]) - there) > AHEAD:
+                self._others[name] = float(self.seen[name])
+
     def _stream(self, goal: Array, speed: float) -> None:
         """Sends goals on the straight way, ever closer ones at both ends, and none far ahead of the arm."""
         self.doing = "streaming"
-        start = np.where(np.abs(self.goal - self.here) > AHEAD, self.here, self.goal)
-        steps = math.ceil(PEAK * float(np.abs(goal - start).max()) / speed * RATE)
+        start, most = self.goal, speed / RATE
+        steps = math.ceil(PEAK * float(np.abs(goal - start).max()) / most)
         step = waited = 0
         while step < steps and waited <= STALLED_S * RATE:
             share = (step + 1) / steps
             aimed = start + share**2 * (3 - 2 * share) * (goal - start)
             if (np.abs(aimed - self.here) > AHEAD).any():
                 waited += 1
-                self.tick(np.clip(self.goal, self.here - AHEAD, self.here + AHEAD))
+                nearer = np.clip(self.goal, self.here - AHEAD, self.here + AHEAD)
+                self.tick(np.clip(nearer, self.goal - most, self.goal + most))
             else:
                 step, waited = step + 1, 0
                 self.tick(aimed)
@@ -153,16 +177,24 @@ class Motors:
         self._read()
 
     def _action(self, goal: Array) -> dict[str, float]:
-        own = {f"{name}{POSITION}": float(at) for name, at in zip(self.names, goal, strict=True)}
-        return own | self._others
+        return dict(zip(self._places, goal.tolist(), strict=True)) | self._others
 
     def _read(self) -> None:
+        """Reads where motors stand; raises ArmError where they cannot have come there meanwhile."""
         try:
-            self.seen = self._robot.get_observation()
+            seen = self._robot.get_observation()
         except Exception as error:
             raise self._failed(error) from error
-        self.here = np.array([float(self.seen[f"{name}{POSITION}"]) for name in self.names])
-        self._note(self.clock(), self.seen)
+        now, here = self.clock(), np.array([float(seen[place]) for place in self._places])
+        possible = AHEAD + PUSHED * (now - self._read_at)
+        for name, at, before in zip(self.names, here, getattr(self, "here", here), strict=True):
+            if not abs(at - before) <= possible:
+                raise ArmError(
+                    f"while {self.doing}, motor {name} says that it stands at {at:g} degrees, right after "
+                    f"{before:g}: that is wrong, or its encoder has come to its end"
+                )
+        self.seen, self.here, self._read_at = seen, here, now
+        self._note(now, seen)
 
     def _failed(self, error: Exception) -> ArmError:
         return ArmError(f"while {self.doing}, the robot says: {type(error).__name__}: {error}")

@@ -15,7 +15,7 @@ import pytest
 import agents
 from calfree_gym.lerobot import LeRobotReachEnv
 from calfree_gym.lerobot.motors import AHEAD, RATE
-from calfree_gym.lerobot.robot import check_limits
+from calfree_gym.lerobot.robot import Encoder, check_limits
 from calfree_gym.vision import Marks, StereoTracker, TagTracker
 from tests.calfree_gym.environments import assert_same
 from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
@@ -136,6 +136,20 @@ class Absent(FakeSO101):
         raise ConnectionError("Could not connect on port '/dev/ttyACM7'. Try running `lerobot-find-port`")
 
 
+def in_per_cent(robot):
+    """As LeRobot has the SO-101's gripper."""
+    robot.bus.motors = {"gripper": SimpleNamespace(norm_mode="range_0_100")}
+    return robot
+
+
+def test_a_motor_may_sag_at_the_end_of_its_way():
+    encoders = {"lift": Encoder(2047.5, 4095, 0, 0, 4095)}
+    check_limits(encoders, ["lift"], np.zeros(1), np.zeros(1), 176.9)
+    for home in (0.2, -0.2):
+        with pytest.raises(ValueError, match="beyond its 34 to 4061"):
+            check_limits(encoders, ["lift"], np.array([home]), np.zeros(1), 176.9)
+
+
 def test_what_cannot_be_is_refused_before_anything_moves():
     cases = [
         (made(), {"cameras": ("left", "rigth")}, "no camera 'rigth' (did you mean right?); it has left"),
@@ -145,6 +159,12 @@ def test_what_cannot_be_is_refused_before_anything_moves():
         (made(), {"motors": []}, "the motors are none"),
         (made(), {"unit": 0}, "unit is 0; it must be a number above 0"),
         (made(), {"speed": "fast"}, "speed is 'fast'"),
+        (made(), {"speed": 180}, "speed is 180; it must be a number above 0, at most 120"),
+        (
+            in_per_cent(made()),
+            {"motors": MOTORS[2:]},
+            "motor gripper goes by range_0_100; only motors that go",
+        ),
         (made(), {"tolerance_px": float("nan")}, "tolerance_px is nan"),
         (made(), {"max_motions": 0}, "max_motions is 0"),
         (made(), {"marks": 3}, "marks is 3; allowed: Marks"),

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from calfree_gym.lerobot import ArmError
+from calfree_gym.lerobot.environment import SLOWLY
 from calfree_gym.lerobot.frames import FROZEN_S
-from calfree_gym.lerobot.motors import AHEAD
+from calfree_gym.lerobot.motors import AHEAD, RATE
 from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, OVERLOAD, FakeSO101
+from tests.calfree_gym.lerobot.so101 import MOTORS
 
 WORDS = np.array([0.2, 0.15, -0.2, 0.1, 0.1], np.float32)
 """A motion there and back loses nothing from view."""
@@ -197,6 +199,78 @@ def test_an_object_that_is_not_seen_is_placed_anew(bench):
     with pytest.warns(UserWarning, match="place the object anew"):
         observation, _ = bench(robot=robot, place_object=place).env.reset()
     assert observation["observation"][:4].all()
+
+
+def steps(actions):
+    """How far goals (n, m) of all motors go at once, in degrees."""
+    return np.abs(np.diff([list(action.values()) for action in actions], axis=0))
+
+
+@pytest.mark.parametrize("wrong", [170.0, -360.0, 40.0, np.nan])
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_wrong_reading_moves_nothing(ready, moment, wrong, monkeypatch):
+    robot, read = ready.robot, ready.robot.get_observation
+
+    def misread():
+        monkeypatch.setattr(robot, "get_observation", read)
+        seen = read()
+        return seen | {"elbow_flex.pos": seen["elbow_flex.pos"] + wrong}
+
+    ready.then(moment, lambda: monkeypatch.setattr(robot, "get_observation", misread))
+    ready.actions.clear()
+    with pytest.raises(
+        ArmError, match=f"while {moment}, motor elbow_flex says that it stands at .* right after"
+    ):
+        ready.env.step(WORDS)
+    assert steps(ready.actions).max() <= 60 / RATE + 1e-9
+    robot.sleep(1.0)
+    assert np.abs(robot.goals_ahead()).max() < AHEAD
+    ready.env.reset()
+
+
+def test_where_the_arm_fell_without_power_it_goes_home_slowly_from_there(ready):
+    robot, env = ready.robot, ready.env
+    env.step(WORDS)
+    robot.bus.error = OVERLOAD
+    with pytest.raises(ArmError, match="Overload"):
+        env.step(WORDS)
+    robot.plant.powered = False
+    before = robot.plant.angles.copy()
+    robot.sleep(3.0)
+    assert np.degrees(np.abs(robot.plant.angles - before)).max() > AHEAD, "it has fallen"
+    robot.bus.error, robot.plant.powered = None, True
+    there = list(robot.bus.degrees(dict(zip(MOTORS, robot.bus.ticks().tolist(), strict=True))).values())
+    ready.actions.clear()
+    observation, _ = env.reset()
+    assert np.abs(np.array(list(ready.actions[0].values())) - there).max() < AHEAD
+    assert steps(ready.actions).max() <= SLOWLY * 60 / RATE + 1e-9
+    assert not observation["observation"][4:].any()
+
+
+def test_a_motor_that_rests_is_not_lowered_where_it_only_sags(ready, monkeypatch):
+    robot, read = ready.robot, ready.robot.get_observation
+
+    def sagging():
+        seen = read()
+        return seen | {"shoulder_lift.pos": seen["shoulder_lift.pos"] - 3.0}
+
+    monkeypatch.setattr(robot, "get_observation", sagging)
+    ready.actions.clear()
+    with pytest.raises(ArmError, match="on the way home motor shoulder_lift stays back"):
+        ready.env.reset()
+    assert steps(ready.actions).max() < 1e-9
+
+
+def test_an_arm_that_was_kept_from_home_on_its_way_is_not_taken_to_be_there(bench):
+    robot = FakeSO101()
+    each = bench(robot=robot)
+    home = dict(zip(MOTORS[:5], each.env.home.tolist(), strict=True))
+    each = bench(robot=robot, home=home | {"shoulder_pan": home["shoulder_pan"] + 25})
+    robot.jam("shoulder_pan")
+    each.then("settling", lambda: robot.free("shoulder_pan"))
+    each.env.reset()
+    pan = robot.bus.degrees({"shoulder_pan": robot.bus.ticks()[0]})["shoulder_pan"]
+    assert pan == pytest.approx(home["shoulder_pan"] + 25, abs=2)
 
 
 def test_a_motor_that_does_not_go_home_is_told(ready):
