@@ -59,7 +59,9 @@ def make_sb3_env(
 
 
 def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
-    """Presents a batched environment, with whatever wrappers, as a monitored stable-baselines3 `VecEnv`.
+    """Presents a batched environment, as a monitored stable-baselines3 `VecEnv`.
+
+    Wrappers of actions and rewards may be around it; observations are wrapped by those of stable-baselines3.
 
     Args:
         envs: Made by `gymnasium.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)`.

@@ -103,13 +103,22 @@ class OwnRobot(PictureReach):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Goes home, where registers are about 0, and begins the next trial."""
+        """Goes home, where registers are about 0, and begins the next trial.
+
+        The first time nobody knows where the robot stands: bring it home before.
+
+        Raises:
+            RuntimeError: It does not come home.
+        """
         super().reset(seed=seed)
         self._begun = False
-        self._call(self._place_object, patience=None)
         self._pictures()
-        for _ in range(max(1, math.ceil(np.abs(self.registers).max() / self._greatest_motion))):
+        off = np.abs(self.registers)
+        for _ in range(max(1, math.ceil(off.max() / self._greatest_motion))):
             self._go_by(-self.registers)
+        if (np.abs(self.registers) > np.maximum(off / 2, BEYOND)).any():
+            raise RuntimeError(f"the robot does not come home: its registers are {self.registers}")
+        self._call(self._place_object, patience=None)
         return self._first_look()
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
@@ -249,15 +258,13 @@ class StandIn:
             max_episode_steps=10**6,
             disable_env_checker=True,
         )
-        self._seed: int | None = seed
+        self._env.reset(seed=seed)
+        self._look, _ = self._env.reset()
         self._rng = np.random.default_rng(seed)
         self._noise, self._step, self._executed = register_noise, register_step, 1 - shortfall
 
     def place_object(self) -> None:
         """Puts the next object somewhere."""
-        if self._seed is not None:
-            self._env.reset(seed=self._seed)
-            self._seed = None
         self._look, _ = self._env.reset()
 
     def go_to(self, registers: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
@@ -79,7 +80,8 @@ class Outcome:
         learned, lived = self.motions
         worlds = "its 20 test worlds"
         if self.seeds != tuple(TEST_SEEDS):
-            worlds = f"{len(self.seeds)} worlds that are not its test worlds"
+            others = "others than" if {*self.seeds} - {*TEST_SEEDS} else "some of"
+            worlds = f"{len(self.seeds)} worlds, {others} its {len(TEST_SEEDS)} test worlds"
         return (
             f"{self.agent} by {NAME} ({worlds}): {before:.1f} motions per reach after {learned:,} motions, "
             f"{right_after:.1f} right after the knock, {end:.1f} after {lived - learned:,} more "
@@ -161,13 +163,14 @@ def _life(
     learned = recorder.motions
     scores = [_score(agent, world, seed), _score(agent, knocked, seed)]
     recorder.unwrapped.set_world(knocked)
-    agent.learn(after)
+    goes_on = "reset_num_timesteps" in signature(agent.learn).parameters  # else a learner of sb3 begins anew
+    agent.learn(after, **({"reset_num_timesteps": False} if goes_on else {}))
     scores.append(_score(agent, knocked, seed))
     return (learned, recorder.motions), np.transpose(scores)
 
 
 def _score(agent: Predictor, world: World, seed: int) -> tuple[float, float]:
-    """Motions per reach and share reached, in held-out trials: the same ones at all moments."""
+    """Motions per reach and share reached, in held-out trials, by the same seed at all moments."""
     env = ENV.make()
     held_out: Any = env.unwrapped
     held_out.set_world(world)

@@ -120,6 +120,17 @@ def test_what_a_function_gives_is_checked_before_anything_moves_further(function
     env.step(np.full(5, 0.1))
 
 
+def test_a_robot_that_does_not_come_home_is_told_before_the_object_is_placed():
+    arm, env = made()
+    env.reset()
+    env.step(np.full(5, 0.4))
+    placed = []
+    arm.gives |= {"go_to": lambda: arm.at, "place_object": lambda: placed.append(1)}
+    with pytest.raises(RuntimeError, match=r"does not come home: its registers are \[0.4"):
+        env.reset()
+    assert not placed
+
+
 @pytest.mark.parametrize("words", [np.zeros(3), np.full(5, np.nan), None, ["a"] * 5])
 def test_words_are_checked_before_anything_moves(words):
     arm, env = made()

@@ -46,8 +46,8 @@ def main(
         ask: Says what is to be done, and waits until it is.
 
     Returns:
-        0 where all is well; 1 where `check` or `pick` finds something wrong, or the arm cannot go on; 2 where
-        what was given cannot be: nothing has moved then; 130 after Ctrl-C.
+        0 where all is well; 1 where `check` or `pick` finds something wrong, the arm cannot go on, or nobody
+        answers; 2 where what was given cannot be; 130 after Ctrl-C.
     """
     options, flags = _parsed(arguments)
     with warnings.catch_warnings():
@@ -58,6 +58,9 @@ def main(
         except (ArmError, ValueError, OSError, ImportError) as error:
             print(f"error: {printable(str(error).strip())}", file=sys.stderr)
             return 1 if isinstance(error, ArmError) else 2
+        except EOFError:
+            print("error: it asks, and nobody answers: its input has ended", file=sys.stderr)
+            return 1
         except KeyboardInterrupt:
             return INTERRUPTED
 

@@ -118,6 +118,7 @@ class Arms(ABC):
         register_bound: Registers are told within +- this.
         points: Image points (N, p, 2) as last seen, left and right of each point in turn.
         visible: Which of them (N, p) the last observation saw.
+        in_view: Which of them (N, p) are inside the images, and nothing stands before them.
         delivered: Image points (N, p, 2), flags (N, p) and what else is observed (N, ...), as the controller
             gets them: delayed where there is latency.
         true_points: Where noise-free cameras see them now (N, p, 2), not clipped to the image.
@@ -192,7 +193,7 @@ class Arms(ABC):
                 raise ValueError("a pool has worlds of one distribution; `world` names several")
         self._worlds: list[World | None] = [None] * rows
         self.points = np.zeros((rows, points, 2))
-        self.visible = np.zeros((rows, points), bool)
+        self.visible = self.in_view = np.zeros((rows, points), bool)
         self.true_points = np.zeros((rows, points, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
@@ -492,6 +493,7 @@ class Arms(ABC):
         if (in_sight := self.in_sight()) is not None:
             visible &= in_sight
         counts = self.trials, self.motions_of_trial
+        self.in_view = visible
         seen, self.visible, *images = self._sight.look(true, visible, self._moved, *counts)
         self._moved[:] = False
         self.points = np.where(self.visible[:, :, None], seen, self.points)

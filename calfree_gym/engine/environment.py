@@ -67,13 +67,18 @@ class Environment:
     def _make(self, config: Config, rows: int, threads: int) -> None:
         """Keeps the arguments of the task, and makes the arms."""
         self.config = config
-        self.render_mode, self.tolerance_px = config.render_mode, float(config.tolerance_px)
+        self.render_mode = config.render_mode
         self._ends, self._gives_truth = config.terminate_on_success, config.truth
         self._reward = sparse_reward if config.reward == "sparse" else dense_reward
         self._renderer: Any = None
         self._spec: EnvSpec | None = None
         self._size = rows, threads
         self.arms = self._new_arms()
+
+    @property
+    def tolerance_px(self) -> float:
+        """Of the rendezvous; an argument, which does not change."""
+        return float(self.config.tolerance_px)
 
     def _new_arms(self) -> Arms:
         arms: Arms = self.arms_of(*self._size, self.config)

@@ -87,6 +87,7 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     A step is one motion. Observed are the points of gripper and object in both images, each 512 x 512, and
     registers; reward is 0 at the rendezvous, which ends an episode, and -1 elsewhere. The environment's own
     end ends it, too. `info` is the environment's; where it does not tell `is_success`, the rendezvous does.
+    Points are of the model: what `Perturb` does to observations, such as `latency`, does nothing here.
 
     Args:
         env: An environment behind which a MuJoCo model is found, such as one in `Perturb`. It says how long

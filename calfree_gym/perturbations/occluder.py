@@ -34,7 +34,8 @@ class Occluder(Perturbation):
     That is the share of the gripper points there that the camera, with its mount at home, cannot see. The
     post stands `at` (drawn: 0.3-0.5) of the way from the camera to the gripper at home, on the side of that
     line where more of the work space lies: it hides the gripper at home only where `share` is more than that
-    side has. As a drift, it hides a `share` more in each step.
+    side has. As a drift, it hides a `share` more in each step. There is one post: that of
+    another event takes its place.
     """
 
     type: ClassVar[str] = "occluder"

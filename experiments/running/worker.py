@@ -192,9 +192,10 @@ def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
 
 
 def _in_view(env: gymnasium.Env[Any, Any], seed: int) -> bool:
+    """Whether all points are in view at first, whatever is then lost of them."""
     env.reset(seed=seed)
     unwrapped: Any = env.unwrapped
-    return bool(unwrapped.arms.delivered[1].all())
+    return bool(unwrapped.arms.in_view.all())
 
 
 def main(folder: Path) -> None:

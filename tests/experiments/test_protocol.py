@@ -51,8 +51,22 @@ def test_an_agent_lives_in_the_world_then_in_the_knocked_one():
     assert (outcome.motions_per_reach == 60).all()
     assert (outcome.reached == 0).all()
     assert outcome.motions_per_reach.shape == (2, 3)
-    assert "still by CalFree-Reach protocol 1 (2 worlds that are not its test worlds)" in outcome.line
+    assert "still by CalFree-Reach protocol 1 (2 worlds, others than its 20 test worlds)" in outcome.line
     assert "| right after | 60.0 | 60.0 to 60.0 | 0 % |" in str(outcome)
+
+
+def test_a_learner_of_stable_baselines3_goes_on_after_the_knock():
+    class Counting(Lives):
+        def learn(self, motions, reset_num_timesteps=True):
+            self.begun = [*getattr(self, "begun", []), reset_num_timesteps]
+            super().learn(motions)
+
+    made = []
+    outcome = protocol.run(
+        lambda env, seed: made.append(Counting(env)) or made[-1], "it", 2, 1, seeds=protocol.TEST_SEEDS[:1]
+    )
+    assert made[0].begun == [True, False]
+    assert "(1 worlds, some of its 20 test worlds)" in outcome.line
 
 
 def test_the_knock_turns_the_left_camera_by_twenty_degrees():

@@ -128,6 +128,16 @@ def test_out_of_view_is_where_a_camera_does_not_look_and_the_same_for_all(sweep_
         assert list(rows["world"]) == [*range(12)] * 2
 
 
+def test_points_that_are_lost_are_in_view():
+    env = EnvironmentConfig(**ENV).make(
+        ({"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.9}},)
+    )
+    seen = EnvironmentConfig(**ENV).make()
+    found = [[worker._in_view(each, seed) for seed in range(20)] for each in (env, seen)]
+    assert found[0] == found[1]
+    assert any(found[0])
+
+
 def test_an_agent_gets_what_it_requires():
     env = EnvironmentConfig(**ENV, camera_mount="stand")
     wanted = requirements(AgentConfig(name="joint_space_servo", label="a"), env)

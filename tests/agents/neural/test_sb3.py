@@ -1,5 +1,6 @@
 """The adapter of stable-baselines3: algorithms by name, networks' inputs, rows."""
 
+import warnings
 from pathlib import Path
 
 import gymnasium as gym
@@ -81,6 +82,9 @@ def test_networks_get_the_image_distance():
 def test_hindsight_relabels_with_places_that_the_gripper_came_to():
     with pytest.warns(UserWarning, match="hindsight relabelling is not valid on the waist mount"):
         make("sac_her", gym.make("CalFree/Reach-v0", camera_mount="waist"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        make("sac_her", gym.make("CalFree/Grasp-v0"))
     agent = make("sac_her").learn(130)
     sample = agent._model.replay_buffer.sample(60)
     reached = agent._model.replay_buffer.next_observations["achieved_goal"][:130, 0]
