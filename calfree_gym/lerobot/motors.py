@@ -71,6 +71,7 @@ class Motors:
         self._robot, self._note, self._on_tick = robot, note, on_tick
         self._usual = [deque[float](maxlen=REMEMBERED) for _ in self.names]
         self._next = self._read_at = -math.inf
+        self.here = np.full(len(self.names), math.inf)
         self._places = [f"{name}{POSITION}" for name in self.names]
         self._read()
         self._read()
@@ -187,7 +188,7 @@ class Motors:
             raise self._failed(error) from error
         now, here = self.clock(), np.array([float(seen[place]) for place in self._places])
         possible = AHEAD + PUSHED * (now - self._read_at)
-        for name, at, before in zip(self.names, here, getattr(self, "here", here), strict=True):
+        for name, at, before in zip(self.names, here, self.here, strict=True):
             if not abs(at - before) <= possible:
                 raise ArmError(
                     f"while {self.doing}, motor {name} says that it stands at {at:g} degrees, right after "

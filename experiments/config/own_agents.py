@@ -19,7 +19,7 @@ written them."""
 _KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 _WEIGHTS = ("*.npz", "*.onnx", "*.pt", "*.pth", "*.zip")
 """Other files in which learners of the user's may be kept."""
-_OURS = ("agents", "calfree_agents", "calfree_gym", "experiments")
+_OURS = ("__main__", "agents", "calfree_agents", "calfree_gym", "experiments")
 _NAME = re.compile(r"[\w.]+:[\w.-]+")
 
 
