@@ -182,7 +182,7 @@ def _summary(found: Swept) -> Iterator[SummaryRow]:
             yield from distance_rows(found.sweep.name, "sweep", label, f"{point.value:g}", point.distances)
 
 
-FARTHER = ", but that objects begin farther from the gripper where noise is larger"
+_FARTHER = ", but that objects begin farther from the gripper where noise is larger"
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -194,7 +194,7 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
         f"{do['type']} ({', '.join(settings)}) before the first trial; {about_environment(sweep.env)}, at "
         f"most {sweep.env.max_episode_steps} motions. At each value every agent, without learning, makes "
         f"one trial in each of {counted(finished.fewest_worlds(sweep), 'world')}, the same for all agents "
-        f"and values{FARTHER * (do['type'] == 'point_noise')}.{few_worlds(finished, sweep)}"
+        f"and values{_FARTHER * (do['type'] == 'point_noise')}.{few_worlds(finished, sweep)}"
     )
 
 
