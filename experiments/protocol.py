@@ -99,6 +99,7 @@ def run(
     after: int,
     rows: int = 1,
     seeds: Sequence[int] = TEST_SEEDS,
+    wrap: Callable[[Any], Any] = lambda env: env,
 ) -> Outcome:
     """Lets a fresh agent live in each world, and scores it on held-out trials; prints how far it is.
 
@@ -107,7 +108,7 @@ def run(
 
     Args:
         make_agent: Makes an agent of an environment and a seed. Its `predict` takes that environment's
-            observations and gives control words in [-1, 1].
+            observations and gives its actions.
         name: Of the agent.
         motions: That it learns before the knock.
         after: That it learns after it.
@@ -115,6 +116,8 @@ def run(
             agents of stable-baselines3 can be made. More: a batched one; `calfree_gym.sb3.as_sb3_env`
             presents it to stable-baselines3.
         seeds: Other worlds, such as some of `TRAIN_SEEDS`, to try it out; the line to quote then says so.
+        wrap: Puts wrappers around each single environment, to learn in and to be scored in. A batched one
+            `make_agent` wraps in the same itself.
 
     Raises:
         ValueError: A number is not allowed, or there is no seed.
@@ -126,7 +129,7 @@ def run(
         raise ValueError("found no seeds; allowed: one or more, such as TEST_SEEDS")
     lives = []
     for number, seed in enumerate(seeds, 1):
-        lives.append(_life(make_agent, motions, after, rows, seed))
+        lives.append(_life(make_agent, motions, after, rows, seed, wrap))
         shown = ", ".join(f"{value:.1f} {at}" for value, at in zip(lives[-1][1][0], MOMENTS, strict=True))
         print(f"world {number} of {len(seeds)}: motions per reach {shown}", flush=True)
     made, scores = zip(*lives, strict=True)
@@ -150,30 +153,34 @@ def worlds_of(seed: int) -> tuple[World, World]:
 
 
 def _life(
-    make_agent: Callable[[Any, int], Learner], motions: int, after: int, rows: int, seed: int
+    make_agent: Callable[[Any, int], Learner],
+    motions: int,
+    after: int,
+    rows: int,
+    seed: int,
+    wrap: Callable[[Any], Any],
 ) -> tuple[tuple[int, int], Array]:
     """Motions made before the knock and in all; motions per reach and share reached (2, moments)."""
     world, knocked = worlds_of(seed)
     recorder: Any = LifetimeRecorder(ENV.make(), seed) if rows == 1 else RowsRecorder(ENV, rows, (), (), seed)
-    agent = make_agent(recorder, seed)
+    agent = make_agent(wrap(recorder) if rows == 1 else recorder, seed)
     for method in ("learn", "predict"):
         if not callable(getattr(agent, method, None)):
             raise TypeError(f"make_agent made {type(agent).__name__}, which has no {method}()")
     agent.learn(motions)
     learned = recorder.motions
-    scores = [_score(agent, world, seed), _score(agent, knocked, seed)]
+    scores = [_score(agent, wrap, at, seed) for at in (world, knocked)]
     recorder.unwrapped.set_world(knocked)
     goes_on = "reset_num_timesteps" in signature(agent.learn).parameters  # else a learner of sb3 begins anew
     agent.learn(after, **({"reset_num_timesteps": False} if goes_on else {}))
-    scores.append(_score(agent, knocked, seed))
+    scores.append(_score(agent, wrap, knocked, seed))
     return (learned, recorder.motions), np.transpose(scores)
 
 
-def _score(agent: Predictor, world: World, seed: int) -> tuple[float, float]:
+def _score(agent: Predictor, wrap: Callable[[Any], Any], world: World, seed: int) -> tuple[float, float]:
     """Motions per reach and share reached, in held-out trials, by the same seed at all moments."""
-    env = ENV.make()
-    held_out: Any = env.unwrapped
-    held_out.set_world(world)
+    env = wrap(ENV.make())
+    env.unwrapped.set_world(world)
     records = evaluate(agent, env, TRIALS, seed + len(TRAIN_SEEDS))
     cap = ENV.max_episode_steps
     return (

@@ -5,6 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
+from calfree_gym.wrappers import ScaledWords
 from experiments import protocol
 
 SEEDS = (3, 4)
@@ -67,6 +68,29 @@ def test_a_learner_of_stable_baselines3_goes_on_after_the_knock():
     )
     assert made[0].begun == [True, False]
     assert "(1 worlds, some of its 20 test worlds)" in outcome.line
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_wrappers_are_put_around_what_is_learned_and_scored_in(rows):
+    class Looks(Lives):
+        def predict(self, observation, **_):
+            seen.append(observation["achieved_goal"])
+            return self.words(), None
+
+    def wrap(env):
+        wrapped.append(ScaledWords(env, limit=0.5))
+        return wrapped[-1]
+
+    def make_agent(env, seed):
+        made.append(env)
+        return Looks(env, 0.5)
+
+    seen, wrapped, made = [], [], []
+    protocol.run(lambda env, seed: Looks(env, 0.25), "it", 0, 0, seeds=SEEDS[:1])
+    half_words, seen = seen, []
+    protocol.run(make_agent, "it", 0, 0, rows, SEEDS[:1], wrap)
+    assert (made[0] is wrapped[0]) == (rows == 1)
+    np.testing.assert_array_equal(seen, half_words)
 
 
 def test_the_knock_turns_the_left_camera_by_twenty_degrees():
