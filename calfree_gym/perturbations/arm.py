@@ -76,22 +76,12 @@ class MotorSign(Perturbation):
         return self
 
 
-class _MotorError(Perturbation):
-    """Sets the quantity that its `type` names; as a drift, adds to it."""
-
+class _MotorError(Level):
+    quantity: ClassVar[str] = "degrees"
     motor: str
-    degrees: float
 
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        place = robot.motors.index(self.motor)
-        return with_entry(world, self.type, place, amount_of(robot, place, self.degrees))
-
-    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        place = robot.motors.index(self.motor)
-        step = amount_of(robot, place, -self.degrees if back else self.degrees)
-        there = getattr(world, self.type)[place] + step
-        self.check("degrees", round(float(there / amount_of(robot, place, 1.0)), 9))
-        return with_entry(world, self.type, place, there)
+    def _in_world(self, robot: Robot, level: float) -> float:
+        return amount_of(robot, robot.motors.index(self.motor), level)
 
 
 @dataclass(frozen=True)

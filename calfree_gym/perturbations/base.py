@@ -225,15 +225,22 @@ class Level(Perturbation):
     quantity: ClassVar[str]
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return with_entry(world, self.type, self._entry(robot), getattr(self, self.quantity))
+        return with_entry(world, self.type, self._entry(robot), self._level(robot))
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        place, step = self._entry(robot), getattr(self, self.quantity)
+        place, step, unit = self._entry(robot), self._level(robot), self._in_world(robot, 1)
         there = getattr(world, self.type)[place] + (-step if back else step)
         whole = self.settings()[self.quantity].whole
-        for level in np.ravel(there).tolist():
-            self.check(self.quantity, int(level) if whole else level)
+        for level in np.ravel(there / unit).tolist():
+            self.check(self.quantity, int(level) if whole else round(level, 9))
         return with_entry(world, self.type, place, there)
+
+    def _level(self, robot: Robot) -> float:
+        return self._in_world(robot, getattr(self, self.quantity))
+
+    def _in_world(self, robot: Robot, level: float) -> float:
+        """A level in the world's units."""
+        return level
 
 
 def with_entry(world: World, name: str, index: int | tuple[()], value: Any) -> World:
