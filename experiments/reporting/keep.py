@@ -11,7 +11,7 @@ from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.kept_tables import page_of, read_kept
 from experiments.reporting.pages import MARKDOWN, PAGE
-from experiments.reporting.report import films_in, write_report
+from experiments.reporting.report import SUMMARY, films_in, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
 from experiments.running.results_folder import FIGURES, write_whole
 from experiments.running.versions import commit, is_of_no_commit, versions
@@ -23,7 +23,8 @@ COLOURS = 256
 def keep(out: Path, kept: Path) -> Path:
     """Copies the numbers of a finished suite, and makes its report of them; returns its kept folder.
 
-    Of the kept folder itself the report is made again, whichever code made the numbers.
+    Of the kept folder itself the report is made again, whichever code made the numbers. Its rows may be
+    deleted, where a repository has no room for them.
 
     Raises:
         ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
@@ -79,9 +80,9 @@ def _refuse(finished: FinishedSuite, target: Path, again: bool) -> None:
         _refuse_no_commit(whose, found)
     if (code := finished.versions["code"]) != (now := versions()["code"]) and not again:
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
-    if target.exists() and not (target / RESULTS).exists():
+    if target.exists() and not (target / SUMMARY).exists():
         raise ConfigError(
-            f"{target} holds kept results that are no suite's ({RESULTS} is missing); give the suite "
+            f"{target} holds kept results that are no suite's ({SUMMARY} is missing); give the suite "
             "another name"
         )
 
@@ -97,7 +98,7 @@ def keep_benchmark(measured: Path, kept: Path) -> Path:
         raise ConfigError(f"{measured}: there is no such file")
     _refuse_no_commit(f"{measured} was made by", read_kept(measured)[2])
     folder = kept / measured.stem
-    if (folder / RESULTS).exists():
+    if (folder / SUMMARY).exists():
         raise ConfigError(f"{folder} holds the results of a suite; give {measured.name} another name")
     page = page_of(measured, folder.name)
     folder.mkdir(parents=True, exist_ok=True)

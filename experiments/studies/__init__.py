@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
 
 from calfree_gym.errors import near_misses
 from experiments.errors import ConfigError
@@ -70,36 +69,39 @@ def add_benchmark(parser: Parser) -> None:
 
 def _benchmark(options: argparse.Namespace) -> int:
     check_names(options.studies)
+    if options.peer and "speed" not in options.studies:
+        raise ConfigError(f"--peer is timed by speed, which is none of {', '.join(options.studies)}")
     if options.out:
         made_folder(options.out.parent)
-    measured = measure(options)
+    by_study = {name: measure(name, options) for name in options.studies}
+    tables = [table.to_dict() for of_study in by_study.values() for table in of_study]
+    measured = {"commit": commit(), "versions": versions(), "tables": tables}
     text = json.dumps(measured, indent=2, default=lambda number: number.item())
     if options.json:
         print(text)
     if options.out:
         write_whole(options.out, text)
-        _draw(options.studies, measured["tables"], options.out.parent)
+        _draw(by_study, options.out)
     return 0
 
 
-def _draw(studies: Sequence[str], measured: Sequence[dict[str, Any]], folder: Path) -> None:
-    """Writes the figure of each study that has one as NAME.png."""
-    tables = [Table.from_dict(each) for each in measured]
-    for name in studies:
+def _draw(by_study: Mapping[str, Sequence[Table]], out: Path) -> None:
+    """Writes the figure of each study that has one: beside a study's own FILE.json as FILE.png."""
+    for name, tables in by_study.items():
         study = import_module(f"{__name__}.{name}")
         if hasattr(study, "figure"):
-            study.figure(tables).savefig(folder / f"{name}.png", dpi=160)
+            target = out.with_suffix(".png") if len(by_study) == 1 else out.with_name(f"{name}.png")
+            study.figure(tables).savefig(target, dpi=160)
 
 
-def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Makes studies; each table is shown as soon as it is there, unless JSON is asked for."""
-    found: dict[str, Any] = {"commit": commit(), "versions": versions(), "tables": []}
-    for name in options.studies:
-        study = import_module(f"{__name__}.{name}")
-        if not hasattr(study, "tables"):
-            raise ConfigError(f"{name} is no study: it has no function tables(), which yields its tables")
-        for table in study.tables(options.peer) if name == "speed" else study.tables():
-            if not options.json:
-                show([table], options.markdown)
-            found["tables"].append(table.to_dict())
+def measure(name: str, options: argparse.Namespace) -> list[Table]:
+    """Makes a study; each table is shown as soon as it is there, unless JSON is asked for."""
+    study = import_module(f"{__name__}.{name}")
+    if not hasattr(study, "tables"):
+        raise ConfigError(f"{name} is no study: it has no function tables(), which yields its tables")
+    found = []
+    for table in study.tables(options.peer) if name == "speed" else study.tables():
+        if not options.json:
+            show([table], options.markdown)
+        found.append(table)
     return found

@@ -86,7 +86,7 @@ def test_what_was_kept_before_is_replaced_and_a_film_that_lies_beside_is_kept(co
     for name in ("tiny", ".tiny.partial"):
         stale = tmp_path / "kept" / name
         stale.mkdir(parents=True)
-        for file in ("report.md", "stale.csv", "results.parquet"):
+        for file in ("report.md", "stale.csv", "summary.csv"):
             (stale / file).write_text("stale")
     (committed / "figures" / "of-an-earlier-report.png").write_bytes(b"")
     Image.new("RGB", (4, 4)).save(committed / "film.gif")
@@ -115,7 +115,7 @@ def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_
     kept = tmp_path / "kept" / "tiny" / "report.md"
     kept.parent.mkdir(parents=True)
     kept.write_text("of before")
-    kept.with_name("results.parquet").write_text("")
+    kept.with_name("summary.csv").write_text("")
     monkeypatch.setattr(module, "write_report", full)
     with pytest.raises(OSError, match="full"):
         keep(committed, tmp_path / "kept")
@@ -150,7 +150,7 @@ def test_what_is_not_whole_or_of_other_code_is_not_kept(committed, tmp_path, mon
     tables = tmp_path / "kept" / "tiny" / "choices.json"
     tables.parent.mkdir(parents=True)
     tables.write_text("{}")
-    refused(r"holds kept results that are no suite's \(results\.parquet is missing")
+    refused(r"holds kept results that are no suite's \(summary\.csv is missing")
     assert tables.read_text() == "{}"
     run = next((committed / "runs").iterdir())
     shutil.rmtree(run)
@@ -221,7 +221,7 @@ def test_what_is_no_benchmark_is_refused(measured, tmp_path):
     with pytest.raises(ConfigError, match=r"other\.json: there is no such file"):
         keep_benchmark(tmp_path / "other.json", kept)
     (kept / "mine").mkdir(parents=True)
-    (kept / "mine" / "results.parquet").write_text("")
+    (kept / "mine" / "summary.csv").write_text("")
     with pytest.raises(ConfigError, match="holds the results of a suite"):
         keep_benchmark(measured, kept)
     measured.write_text(measured.read_text().replace('"abc"', '"abc+"'))

@@ -47,6 +47,19 @@ def test_studies_are_shown_and_kept(two_studies, tmp_path, capsys):
     assert [path.name for path in out.parent.glob("*.png")] == ["priors.png"], "one has a figure"
     assert main(["benchmark", "priors", "insert", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == kept
+    assert main(["benchmark", "priors", "--out", str(tmp_path / "mine.json")]) == 0
+    assert [path.name for path in tmp_path.glob("*.png")] == ["mine.png"], "where keep looks for it"
+
+
+def test_a_figure_is_of_its_own_study(two_studies, tmp_path, monkeypatch):
+    drawn = studies.import_module("priors").figure
+    seen = []
+    study = SimpleNamespace(figure=lambda tables: seen.extend(tables) or drawn(tables))
+    study.tables = studies.import_module("priors").tables
+    made = studies.import_module
+    monkeypatch.setattr(studies, "import_module", lambda name: study if "priors" in name else made(name))
+    assert main(["benchmark", "insert", "priors", "--out", str(tmp_path / "kept.json")]) == 0
+    assert [table.name for table in seen] == ["priors"]
 
 
 @pytest.mark.parametrize(
@@ -55,6 +68,7 @@ def test_studies_are_shown_and_kept(two_studies, tmp_path, capsys):
         (["priors", "--out", "."], "is a folder; allowed: a file"),
         (["prior"], "no study 'prior' (did you mean priors?); allowed: changes, coverage,"),
         (["common"], "no study 'common'"),
+        (["priors", "--peer", "python=Env-v0"], "--peer is timed by speed, which is none of priors"),
         (["servo"], "servo is now: python -m experiments run configs/first-trials.yaml --out FOLDER"),
     ],
 )
