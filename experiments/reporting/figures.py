@@ -286,15 +286,20 @@ def colour(label: str, name: str) -> str:
 def lines_of(agents: Sequence[AgentConfig]) -> dict[str, dict[str, Any]]:
     """How the lines of a suite's agents are drawn, by their labels.
 
-    An agent that is called by its name looks the same in every suite. Its variants are shades of it, with
-    dashes of their own.
+    An agent that is called by its name looks the same in every suite. One or two variants are shades of it,
+    with dashes of their own; more have hues that no other agent of the suite has, while there are any.
     """
     lines: dict[str, dict[str, Any]] = {}
+    own = [colour(agent.label, agent.name) for agent in agents]
+    free = [hue for hue in _OTHERS if hue not in own]
+    of_kind = Counter(hue for agent, hue in zip(agents, own, strict=True) if agent.label != agent.name)
     variants = Counter[str]()
     for agent in agents:
         line: dict[str, Any] = {"color": colour(agent.label, agent.name), "linestyle": "-"}
         if agent.label == agent.name:
             line["linestyle"] = _KNOWN[agent.name].dash if agent.name in _KNOWN else "-"
+        elif of_kind[line["color"]] > 2 and free:
+            line["color"] = free.pop(0)
         else:
             base = line["color"]
             shade, line["linestyle"] = _OF_VARIANTS[variants[base] % len(_OF_VARIANTS)]

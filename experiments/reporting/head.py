@@ -11,6 +11,7 @@ from itertools import pairwise
 import pandas as pd
 
 from experiments.config.in_words import knocks
+from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
 from experiments.reporting.figures import in_words
@@ -62,15 +63,16 @@ _Cells = dict[str, dict[str, str]]
 def table_of(
     finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | OwnTrials | Swept
 ) -> Table:
-    """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
+    """A scenario or sweep in at most five columns, without intervals; agents in words, in the suite's order.
 
     With held-out trials: motions per reach before and right after the first change, or at the end where there
-    is none, and the motions lived before it reaches. Else the first and the last trials, or values; trials
-    before and after the first change, too.
+    is none, how many trials reach then, and the motions lived before it reaches. Else the first and the last
+    trials, or values; trials before and after the first change, too.
     """
     if isinstance(come_to, HeldOut):
         evaluation = finished.suite.evaluation_of(come_to.scenario)
-        found, note = _of_held_out(come_to, evaluation.trials if evaluation else 0)
+        assert evaluation is not None, "there are held-out trials"
+        found, note = _of_held_out(come_to, evaluation)
     elif isinstance(come_to, OwnTrials):
         found, note = _of_trials(come_to)
     else:
@@ -88,21 +90,29 @@ def table_of(
     return Table(part.name, f"{finished.suite.name}: {part.name}", pd.DataFrame(rows), note=note)
 
 
-def _of_held_out(held: HeldOut, trials: int) -> tuple[_Cells, str]:
+def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, str]:
     changes = bool(held.scenario.perturbations)
     shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
     column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
     until_good = f"motions until {_GOOD} of trials reach{' → again after it' * changes}"
     found = {}
     for label, moments in held.moments.items():
-        cells = [_motions(moments[each].motions.value) if each in moments else NOTHING for each in shown]
+        motions = [_motions(moments[each].motions.value) if each in moments else NOTHING for each in shown]
+        last = moments.get(shown[-1])
         until = [_until(held.times[label].get(stretch)) for stretch in (BEGINNING, AFTER)[: 1 + changes]]
-        found[label] = {column: " → ".join(cells), until_good: " → ".join(until)}
+        found[label] = {
+            column: " → ".join(motions),
+            f"trials that reach {shown[-1]}": written(last.rendezvous.value, ".0%") if last else NOTHING,
+            until_good: " → ".join(until),
+        }
     met = knocks(held.scenario)
     knock = f" The knock: {met[0].words}." if met else ""
+    steps = evaluation.per_decade
+    by_factors = f"; looked at by factors of {10 ** (1 / steps):.1f}" if steps else ""
     return found, (
-        f"The median world, in test trials, which teach nothing; a failed one counts as {held.cap} motions. "
-        f"{_GOOD}: of {trials} test trials, and of all later ones, as cameras see it.{knock}"
+        "Motions: of the median world, in test trials, which teach nothing; a failed one counts as "
+        f"{held.cap}. {_GOOD}: of {evaluation.trials} test trials, and of all later ones, as cameras see "
+        f"it{by_factors}.{knock}"
     )
 
 

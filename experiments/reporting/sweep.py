@@ -278,7 +278,7 @@ def _scale(axes: Axes, sweep: SweepConfig, letters: int) -> None:
         axes.set_xscale("log")
         marks(axes.xaxis, _apart(sweep.over))
     else:
-        axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 3, 5, 6, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 3, 5, 6, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.set_xlabel(fill(axis_in_words(sweep), letters))
 

@@ -13,7 +13,10 @@ from experiments.reporting.held_out import held_out
 from tests.experiments.reporting.made_up import finished_suite, results
 
 WORLDS, CAP = 20, 20
-COLUMNS = ["agent", "what it must know", "motions per reach before → right after the knock"]
+COLUMNS = [
+    *("agent", "what it must know", "motions per reach before → right after the knock"),
+    "trials that reach right after",
+]
 
 
 def life(agent, before, right_after, learned=0, again=10, worlds=WORLDS):
@@ -63,13 +66,13 @@ WORDS = {name: in_words(name, name) for name in agents.names()}
 
 def test_the_table_says_who_must_know_what_and_reaches_how_soon(finished):
     table = head_table(finished(*five()))
-    assert table.header[:3] == COLUMNS
+    assert table.header[:-1] == COLUMNS
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows[WORDS["oracle"]] == ["where to go", "1.0 → 1.0", "0 → 0"]
-    assert rows[WORDS["random"]] == ["nothing", "20.0 → 20.0", "not in 50 → not in 40"]
-    assert rows[WORDS["unified_servo"]] == ["nothing", "4.0 → 5.0", "0 → 0"]
+    assert rows[WORDS["oracle"]] == ["where to go", "1.0 → 1.0", "100 %", "0 → 0"]
+    assert rows[WORDS["random"]] == ["nothing", "20.0 → 20.0", "0 %", "not in 50 → not in 40"]
+    assert rows[WORDS["unified_servo"]] == ["nothing", "4.0 → 5.0", "100 %", "0 → 0"]
     right_after = (9 * 6 + CAP) / 10  # one trial in ten fails
-    assert rows[WORDS["memory"]] == ["nothing", f"2.0 → {right_after:.1f}", "25 → 10"]
+    assert rows[WORDS["memory"]] == ["nothing", f"2.0 → {right_after:.1f}", "90 %", "25 → 10"]
     assert "[" not in table.markdown()
     assert "The knock: left camera turned by 20°." in table.note
 
@@ -82,7 +85,7 @@ def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished,
     of = finished(*five(), scenarios=[calm])
     table = head_table(of)
     assert table.header[2] == "motions per reach at the end"
-    assert {row[2] for row in table.rows} == {"–"}, "no run of it has finished"
+    assert {cell for row in table.rows for cell in row[2:4]} == {"–"}, "no run of it has finished"
 
 
 def test_three_sentences_rank_those_who_can_be_told_apart(finished):

@@ -66,7 +66,7 @@ def test_a_suite_is_one_table_a_scenario(kept, finished_once):
     head, _, servo = lines[0], lines[1], lines[3]
     assert head == (
         "| agent | what it must know | motions per reach before → right after the knock | "
-        "motions until 95 % of trials reach → again after it |"
+        "trials that reach right after | motions until 95 % of trials reach → again after it |"
     )
     assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | image size, noise |")
     commit = json.loads((kept / "quick" / "tables.json").read_text())["commit"]
