@@ -132,6 +132,7 @@ class ArmCheck:
             ("nominal: gripper at home", "seen" if at_home else "not seen", "seen"),
             ("nominal: work space in view", written(share, ".0%"), written(least, ".0%")),
             (f"wild: draws in view, of {WILD_WORLDS}", f"{sum(seen)}", "1"),
+            ("nominal: object where the gripper is", self._object_in_gripper(), "seen, for images"),
         ]
         if not at_home or share < least:
             self.problems.append(
@@ -141,7 +142,10 @@ class ArmCheck:
         if not any(seen):
             self.problems.append(f"no wild world of {WILD_WORLDS} is in view on {robot.mount_name(mounts)}")
         frame = pd.DataFrame(rows, columns=["both cameras", "found", "required"])
-        note = "Wild worlds that are out of view are drawn again."
+        note = (
+            "Wild worlds that are out of view are drawn again. Images, and occlusion=True, need an object "
+            "that the arm does not hide: a gripper that lies before the last link, not in it."
+        )
         return Table("cameras", f"What both cameras see on {robot.mount_name(mounts)}", frame, note=note)
 
     def _seen(self) -> tuple[bool, float]:
@@ -150,6 +154,14 @@ class ArmCheck:
         workspace.set_world(0, nominal(self._robot))
         _, seen = workspace.judged(0)
         return workspace.gripper_seen_at_home(0), float(seen.mean())
+
+    def _object_in_gripper(self) -> str:
+        """Whether the arm hides, at home, an object where the gripper is from a camera of the built robot."""
+        env = self._env(dynamics="kinematic", occlusion=True)
+        gripper = self._robot.gripper_position(self._robot.built_home, self._robot.lengths)
+        observation, _ = env.reset(seed=0, options={"object": tuple(gripper)})
+        env.close()
+        return "seen" if observation["observation"][2:4].all() else "hidden"
 
     def _settling(self) -> Table:
         worst, compared = self.worst_px()
@@ -198,9 +210,10 @@ def add_check_arm(parser: Parser) -> None:
     parser.add_argument("model", metavar="FILE", help="MJCF or URDF file")
     parser.add_argument("--gripper", required=True, metavar="NAME", help="site or body")
     parser.add_argument("--motors", nargs="+", metavar="JOINT", help="default: all from base to gripper")
-    home = parser.add_mutually_exclusive_group()
-    home.add_argument("--home", metavar="KEY", help="keyframe (default: derived)")
-    home.add_argument(
+    parser.add_argument(
+        "--home", nargs="+", metavar="KEY|SLIDE=M", help="keyframe, or slides at home (default: derived)"
+    )
+    parser.add_argument(
         "--home-degrees", nargs="+", type=_joint_at, metavar="JOINT=DEGREES", help="hinges at home"
     )
     parser.add_argument("--base", metavar="BODY", help="where the chain starts (default: below the world)")
@@ -216,25 +229,28 @@ def add_check_arm(parser: Parser) -> None:
 
 
 def _joint_at(text: str) -> tuple[str, float]:
-    joint, _, degrees = text.rpartition("=")
+    joint, _, number = text.rpartition("=")
     if not joint:
         raise argparse.ArgumentTypeError(f"found {text!r}; allowed: such as elbow=-30")
     try:
-        return joint, float(degrees)
+        return joint, float(number)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"found {text!r}: {degrees!r} is no number of degrees") from None
+        raise argparse.ArgumentTypeError(f"found {text!r}: {number!r} is no number") from None
 
 
 def _check_arm(options: argparse.Namespace) -> int:
-    given = {name: getattr(options, name) for name in ("model", "gripper", "motors", "home", "base")}
+    given = {name: getattr(options, name) for name in ("model", "gripper", "motors", "base")}
     mount = options.camera_mount
     try:
         if options.out:
             ArmCheck.check_picture(options.out)
+        if options.home:
+            key, *others = options.home
+            given["home"] = key if not others and "=" not in key else dict(map(_joint_at, options.home))
         if options.home_degrees:
             given["home_degrees"] = dict(options.home_degrees)
         check = ArmCheck(as_arm(given), mount[0] if len(mount) == 1 else tuple(mount))
-    except ValueError as error:
+    except (argparse.ArgumentTypeError, ValueError) as error:
         raise ConfigError(f"{error}") from None
     for table in check.tables():
         show([table])

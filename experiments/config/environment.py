@@ -109,7 +109,7 @@ class EnvironmentConfig(Model):
     goal: Literal["marks", "shown"] = "marks"
     tolerance_px: float = Field(4.0, gt=0, lt=MOST_TOLERANCE)
     dynamics: Literal["physics", "kinematic"] = "physics"
-    max_episode_steps: int = Field(60, gt=0)
+    max_episode_steps: int = Field(60, gt=0, le=10**6)
     redraw: Literal["never", "trial"] = "never"
     pool: int | None = Field(None, gt=0, le=LARGEST_POOL)
     terminate_on_success: bool = True

@@ -108,11 +108,11 @@ def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, s
     met = knocks(held.scenario)
     knock = f" The knock: {met[0].words}." if met else ""
     steps = evaluation.per_decade
-    by_factors = f"; looked at by factors of {10 ** (1 / steps):.1f}" if steps else ""
+    apart = f"; checkpoints are {10 ** (1 / steps):.1f}-fold apart" if steps else ""
     return found, (
         "Motions: of the median world, in test trials, which teach nothing; a failed one counts as "
         f"{held.cap}. {_GOOD}: of {evaluation.trials} test trials, and of all later ones, as cameras see "
-        f"it{by_factors}.{knock}"
+        f"it{apart}.{knock}"
     )
 
 

@@ -214,11 +214,15 @@ def changed(out: Path, suite: Suite) -> str:
     if not (out / SUITE).exists():
         return ""
     then, now = leaves(read_json(out / SUITE)["suite"]), leaves(suite.model_dump(mode="json"))
-    changed = [
-        f"{key} was {then[key]!r}, is {now[key]!r}" for key in then if key in now and then[key] != now[key]
-    ]
+    changed = [_change(key, then[key], now[key]) for key in then if key in now and then[key] != now[key]]
     gone = [f"{key} is gone" for key in then if key not in now]
     return f" ({_some([*changed, *gone])})" if changed or gone else ""
+
+
+def _change(key: str, then: Any, now: Any) -> str:
+    """In words; of long values, such as an arm's model, only that they differ."""
+    told = f"{key} was {then!r}, is {now!r}"
+    return told if len(told) <= 400 else f"{key} has changed"
 
 
 def leaves(value: Any, path: str = "") -> dict[str, Any]:

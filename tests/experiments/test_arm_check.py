@@ -20,6 +20,15 @@ def tables_of(name, mount="waist"):
     return check, {table.name: table.frame for table in check.tables()}
 
 
+def test_a_home_is_of_slides_in_metres_and_of_hinges_in_degrees(capsys):
+    model = str(ARMS["scara"]["model"])
+    homes = ["--home", "lift=0.1", "--home-degrees", "elbow=30"]
+    assert main(["check-arm", model, "--gripper", ARMS["scara"]["gripper"], *homes]) == 0
+    shown = capsys.readouterr().out
+    assert "| lift | slide | mm | 0.0 | 200.0 | 100.0 |" in shown
+    assert "| elbow | hinge | degrees | -150.0 | 150.0 | 30.0 |" in shown
+
+
 def test_the_table_of_motors_is_the_models_own():
     _, tables = tables_of("scara")
     model = mujoco.MjModel.from_xml_path(str(ARMS["scara"]["model"]))
@@ -47,6 +56,19 @@ def test_the_work_space_lies_where_mujoco_puts_the_gripper():
     np.testing.assert_allclose(found, 1000 * data.body("hook").xpos, atol=1e-6)
     assert (places.loc["its lowest 5 %"] < places.loc["its highest 5 %"]).all()
     assert not check.problems
+
+
+@pytest.mark.parametrize(("before_the_last_link", "found"), [(0.0, "hidden"), (0.05, "seen")])
+def test_an_object_that_the_last_link_hides_is_told(before_the_last_link, found):
+    inner = f'<site name="tip" pos="0 0 {0.15 + before_the_last_link}"/>'
+    for name, axis in (("bend", "0 1 0"), ("lift", "0 1 0"), ("turn", "0 0 1")):
+        joint = f'<joint name="{name}" axis="{axis}" range="-120 120"/>'
+        inner = f'{joint}<geom type="capsule" fromto="0 0 0 0 0 .15" size=".02"/>{inner}'
+        inner = f'<body pos="0 0 .15">{inner}</body>'
+    model = f"<mujoco><worldbody>{inner}</worldbody></mujoco>"
+    check = ArmCheck(Arm(model, "tip"), "waist")
+    cameras = check._views().frame.set_index("both cameras")
+    assert cameras.loc["nominal: object where the gripper is", "found"] == found
 
 
 def test_what_both_cameras_see_is_what_the_environment_shows():
@@ -92,6 +114,8 @@ def test_a_picture_shows_the_arm_with_both_images(tmp_path, capsys):
         ([*TIP, "--motors", "turn"], "it must have 3 to 7"),
         ([*TIP, "--base", "stant"], "did you mean stand?"),
         ([*TIP, "--home", "up"], "no keyframe 'up'"),
+        ([*TIP, "--home", "up", "elbow=1"], "found 'up'; allowed: such as elbow=-30"),
+        ([*TIP, "--home", "up", "--home-degrees", "elbow=1"], "the keyframe 'up', and home_degrees"),
         ([*TIP, "--home-degrees", "elbow=200"], "its range is 0 to 2.4 rad (0 to 137.51 degrees)"),
         ([*TIP, "--camera-mount", "nose"], "camera_mount is 'nose'"),
         ([*TIP, "--camera-mount", "hand", "nose"], "allowed: waist, stand, turret"),

@@ -18,7 +18,7 @@ from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Furnish, Moun
 from calfree_gym.robot.arms.scene import GripperMarks, best_axis, build
 
 HINGE_MARGIN = 0.01
-"""A hinge's motor stops this far (rad) before the joint does."""
+"""A hinge's motor stops this far (rad) before the joint does; where it hardly turns, before objects do."""
 SLIDE_MARGIN = 0.005
 """A slide's, as a share of its span."""
 WORK_SHARE = 0.4
@@ -88,9 +88,10 @@ class ArmModel(Robot):
         self.stops = np.array(list(map(parts.stops, self._motors, self.home)))
         self.joints = self.motors
         self.span = np.maximum(self.home - self.stops[:, 0], self.stops[:, 1] - self.home)
-        self.stop_margin = np.where(self.slides, SLIDE_MARGIN * self.span, HINGE_MARGIN)
-        self.speeds = np.where(self.slides, SLIDE_SPEED, HINGE_SPEED)
         inner = WORK_MARGIN * (self.stops[:, 1] - self.stops[:, 0])
+        hinge_margin = np.minimum(HINGE_MARGIN, inner)
+        self.stop_margin = np.where(self.slides, SLIDE_MARGIN * self.span, hinge_margin)
+        self.speeds = np.where(self.slides, SLIDE_SPEED, HINGE_SPEED)
         self.lowest = np.maximum(
             self.home - WORK_SHARE * self.span, np.minimum(self.stops[:, 0] + inner, self.home)
         )
