@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
+
+from calfree_gym.perturb.images import is_colour_image
 
 Path = str | Sequence[str]
 """The key of a leaf, or keys one behind the other; none: the observation itself."""
@@ -51,10 +53,13 @@ def check_path(name: str, keys: Keys, space: gym.Space[Any]) -> None:
         raise ValueError(f"{name} names {'/'.join(map(str, keys))!r}, but observations have: {known}")
 
 
-def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> Mapping[str, Keys]:
-    """Images in observations that are called as a camera is."""
+def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> dict[str, tuple[Keys, ...]]:
+    """Images in observations that are called as a camera is: those of colours, where it has any."""
+    found: dict[str, dict[Keys, bool]] = {}
+    for path, each in leaves(space).items():
+        if path and path[-1] in cameras and len(each.shape or ()) == 3:
+            found.setdefault(path[-1], {})[path] = is_colour_image(each)
     return {
-        path[-1]: path
-        for path, each in leaves(space).items()
-        if path and path[-1] in cameras and len(each.shape or ()) == 3
+        name: tuple(path for path in paths if paths[path] or not any(paths.values()))
+        for name, paths in found.items()
     }

@@ -75,8 +75,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         seed: Of all that is drawn. By default it is the seed of the first reset.
         images: Where images are in observations, by camera, such as `{"top": ("pixels", "top")}`; `()` is the
             observation itself, None an image that whoever wraps this environment makes from the model. By
-            default these are images that are called as a camera of the model. What `render()` shows is of the
-            camera that `gym.make(..., camera_name="track")` names.
+            default these are all images that are called as a camera of the model. What `render()` shows is of
+            the camera that `gym.make(..., camera_name="track")` names.
         per: "life": the schedule runs over all episodes, and resets with a seed begin no draws anew;
             "episode": it begins anew in each of them, with other draws, and a reset with a seed repeats them.
         late: Which parts of observations `latency` and `point_dropout` meet; by default all.
@@ -235,8 +235,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _observed(self, observation: Any) -> Any:
         if self._faults_images and self.world is not self._built:
-            for camera, keys in self._scope.images.items():
-                if keys is not None:
+            for camera, paths in self._scope.images.items():
+                for keys in paths:
                     image = self._faulty(leaf(observation, keys), camera)
                     observation = with_leaf(observation, keys, image)
         return self._late(observation) if self._keeps_observations else observation

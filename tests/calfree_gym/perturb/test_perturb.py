@@ -402,6 +402,31 @@ def test_without_mujoco_images_actions_and_observations_are_perturbed():
     assert (env.render() == 50).all()
 
 
+class Depths(gym.ObservationWrapper):
+    """Adds images to those of a workbench: one that is cropped, and what each pixel shows."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        crop, kinds = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8), gym.spaces.Box(0, 9, (8, 8, 1), np.int32)
+        more = {"wide": gym.spaces.Dict(front=crop), "seg": gym.spaces.Dict(front=kinds)}
+        self.observation_space = gym.spaces.Dict({**env.observation_space.spaces, **more})
+
+    def observation(self, observation):
+        crop = observation["pixels"]["front"][-8:, -8:]
+        return {**observation, "wide": {"front": crop}, "seg": {"front": crop[..., :1].astype(np.int32)}}
+
+
+def test_all_colour_images_of_one_camera_are_at_fault():
+    schedule = [{"at": {"step": 1}, "do": {"type": "exposure", "camera": "front", "factor": 0.5}}]
+    env, bare = Perturb(Depths(Workbench(["front"])), schedule, seed=0), Depths(Workbench(["front"]))
+    for step, (found, plain) in enumerate(zip(steps(env, 2), steps(bare, 2), strict=True)):
+        assert_same(found["seg"], plain["seg"])
+        for images in ("pixels", "wide"):
+            dark = plain[images]["front"] * (0.5 if step == 2 else 1)
+            np.testing.assert_allclose(found[images]["front"], dark, atol=1, err_msg=f"{images} {step}")
+            assert found[images]["front"].any()
+
+
 BOX = gym.spaces.Box
 OF_ACTIONS = r"motor_gain acts on actions that are numbers \(m,\), each in a range"
 
