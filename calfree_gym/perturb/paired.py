@@ -140,18 +140,21 @@ def paired(
         raise ValueError(f"schedules is {schedules!r}; it must be schedules by name, such as {{'none': []}}")
     with ExitStack() as made:
         lives: dict[str, _Episodes] = {}
+        perturbed: list[Perturb] = []
         for name, schedule in schedules.items():
             bare = make_env()
             if any(bare.unwrapped is each.unwrapped for each in lives.values()):
                 raise ValueError("make_env gave the same environment again; it must make a new one each time")
             env = made.enter_context(closing(Perturb(bare, schedule, seed=seed, **perturb)))
+            perturbed.append(env)
             lives[name] = _Episodes(wrap(env) if wrap else env, seed, success or _told)
-        for life in lives.values():
+        for life, env in zip(lives.values(), perturbed, strict=True):
             if learns:
                 policy(life).learn(LIFE, lambda *_, life=life: len(life.outcomes) < episodes)
             else:
                 for _ in range(episodes):
                     _episode(life, policy)
+            env.unperturbed()  # the next environment may share its model
         return Paired({name: tuple(life.outcomes[:episodes]) for name, life in lives.items()})
 
 

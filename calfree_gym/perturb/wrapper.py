@@ -181,6 +181,11 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._scheduler.forget(0)
         self._enter(self._built)
 
+    def close(self) -> None:
+        """Closes the environment, whose model is as built again: others may share it."""
+        self.unperturbed()
+        super().close()
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         if self._model is not None and self.adapter is not None:

@@ -277,6 +277,15 @@ def test_unperturbed_is_as_built_to_the_bit_and_no_undo_comes_back():
     assert env.world == env._built
 
 
+def test_a_closed_one_leaves_the_model_as_built():
+    env = Perturb(Workbench(), [*knock("camera_roll"), *do("light"), *do("joint_zero")], images=POINTS)
+    before = arrays(env.unwrapped.model)
+    steps(env, KNOCK + 1)
+    env.close()
+    assert_same(arrays(env.unwrapped.model), before)
+    Perturb(Workbench()).close()
+
+
 def test_a_model_that_is_built_anew_is_found_again():
     schedule = [{"at": {"episode": 0}, "do": {"type": "camera_aim", "camera": "front", "degrees": 10}}]
     plain, other = (Perturb(Workbench(["front"], rebuilds), schedule, seed=0) for rebuilds in (False, True))
