@@ -65,6 +65,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Attributes:
         applied: The perturbations applied before the last step or reset, with all that they drew.
+        applied_in_all: How many were applied so far.
         world: The present world; cameras, motors and joints are in the order of `parts`.
         parts: Names of what can be perturbed. The camera "render" is what `render()` shows, where that is
             none of a model: its images can be perturbed, but not its place.
@@ -132,6 +133,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._seed: int | None = None
         self.world = self._built
         self.applied: list[Perturbation | Undo] = []
+        self.applied_in_all = 0
         self._counts = {"motion": 0, "trial": 0}
         self._done: dict[str, tuple[int, list[Perturbation | Undo]]] = {}
         self._resets = self._steps = 0
@@ -222,6 +224,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 if perturbation is not None:
                     applied.append(perturbation)
         self._done[clock] = count, applied
+        self.applied_in_all += len(applied)
         return applied
 
     def _enter(self, world: World) -> None:

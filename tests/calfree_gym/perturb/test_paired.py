@@ -2,6 +2,7 @@
 
 import re
 import sys
+import warnings
 from functools import cache
 
 import gymnasium as gym
@@ -63,6 +64,17 @@ def test_a_knock_stays_in_its_own_life_where_environments_share_a_model():
     table = paired(make_env, towards, schedules, episodes=2, success=as_built, images={"top": None})
     assert table.outcomes == {"knocked": (False, False), "none": (True, True), "again": (False, False)}
     np.testing.assert_array_equal(model.cam_quat, built)
+
+
+def test_a_schedule_that_never_comes_is_warned_of():
+    late, never = [{**MIRRORED[0], "at": {"step": 7}}], [{**MIRRORED[0], "at": {"step": 8}}]
+    given = {"make_env": lambda: TableTop(steps=8), "policy": towards, "episodes": 2}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        paired(schedules={"none": NONE, "late": late}, per="episode", **given)
+        paired(schedules={"none": NONE, "of a life": never}, **given)
+    with pytest.warns(UserWarning, match="nothing of the schedule 'never' was applied in 2 episodes: .*the end of each"):
+        paired(schedules={"none": NONE, "late": late, "never": never}, per="episode", **given)
 
 
 def test_a_model_with_predict_gets_its_state_back():
