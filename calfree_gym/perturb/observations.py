@@ -46,11 +46,15 @@ def leaves(space: gym.Space[Any], keys: Keys = ()) -> dict[Keys, gym.Space[Any]]
 def check_path(name: str, keys: Keys, space: gym.Space[Any]) -> None:
     """Raises ValueError, naming those that there are, where mappings of observations have no such part."""
     below: Any = space
+    in_tuple = ""
     for key in keys:
+        if isinstance(below, gym.spaces.Tuple):
+            in_tuple = "; what is in a Tuple cannot be named: make it a Dict by a wrapper"
         below = below.spaces.get(key) if isinstance(below, gym.spaces.Dict) else None
     if below is None:
         known = ", ".join("/".join(path) for path in leaves(space) if path) or "no keys"
-        raise ValueError(f"{name} names {'/'.join(map(str, keys))!r}, but observations have: {known}")
+        named = "/".join(map(str, keys))
+        raise ValueError(f"{name} names {named!r}, but observations have: {known}{in_tuple}")
 
 
 def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> dict[str, tuple[Keys, ...]]:

@@ -41,7 +41,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         ]
         env = Perturb(gym.make(...), knock, seed=0, images={"front": ("pixels", "front")})
 
-    `info["perturbed"]` counts the perturbations applied before a step or reset.
+    `info["perturbed"]` counts the perturbations applied before a step or reset, the environment's own too.
 
     What acts, and how:
 
@@ -160,7 +160,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._resets += 1
         self._counts["trial"] += 1
         self._past.clear()
-        return self._observed(observation), {**info, "perturbed": np.int64(len(self.applied))}
+        return self._observed(observation), self._told(info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes a step, after the perturbations that are due."""
@@ -170,8 +170,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._counts["motion"] += 1
         self._steps += 1
-        info = {**info, "perturbed": np.int64(len(self.applied))}
-        return self._observed(observation), reward, terminated, truncated, info
+        return self._observed(observation), reward, terminated, truncated, self._told(info)
 
     def render(self) -> Any:
         """The frame, with the faults of its camera."""
@@ -233,7 +232,12 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             if self._model is not None:
                 self._model.write(world)
 
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        return {**info, "perturbed": np.int64(len(self.applied) + info.get("perturbed", 0))}
+
     def _executed(self, action: Any) -> Any:
+        if np.shape(action)[-1:] != (shape := self.action_space.shape):
+            raise ValueError(f"the action has shape {np.shape(action)}; it must have {shape}")
         spread, normal = self.world.repeatability, np.zeros(len(self.parts.motors))
         if spread.any():
             parts: Any = self.parts

@@ -73,7 +73,9 @@ def test_a_schedule_that_never_comes_is_warned_of():
         warnings.simplefilter("error")
         paired(schedules={"none": NONE, "late": late}, per="episode", **given)
         paired(schedules={"none": NONE, "of a life": never}, **given)
-    with pytest.warns(UserWarning, match="nothing of the schedule 'never' was applied in 2 episodes: .*the end of each"):
+    with pytest.warns(
+        UserWarning, match="nothing of the schedule 'never' was applied in 2 episodes: .*the end of each"
+    ):
         paired(schedules={"none": NONE, "late": late, "never": never}, per="episode", **given)
 
 

@@ -15,7 +15,7 @@ from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.perturb.scope import ALLOWED
 from calfree_gym.perturbations import TYPES
 from calfree_gym.vision.cameras import image_points
-from tests.calfree_gym.environments import assert_same, begun
+from tests.calfree_gym.environments import assert_same, begun, kinematic
 from tests.calfree_gym.perturb.table_top import TableTop
 from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
 
@@ -168,6 +168,24 @@ def test_actions_of_any_kind_of_numbers_are_executed_as_such(box, action, there)
         env.step(action)
     assert env.unwrapped.got.dtype == box.dtype or isinstance(action[0], float)
     np.testing.assert_allclose(env.unwrapped.got, there, atol=1e-6)
+
+
+def test_an_action_of_another_length_is_told_while_a_motor_is_at_fault():
+    env = begun(Perturb(Workbench(), do("motor_gain"), seed=0), None)
+    env.step(HOME)
+    with pytest.raises(ValueError, match=r"the action has shape \(3,\); it must have \(2,\)"):
+        env.step(np.zeros(3))
+
+
+def test_what_the_environment_perturbs_itself_is_counted_too():
+    own = [
+        {"at": {"motion": 0}, "do": {"type": "camera_roll"}},
+        {"at": {"motion": 1}, "do": {"type": "blur"}},
+    ]
+    env = Perturb(kinematic(perturbations=own), do("latency"), seed=0)
+    infos = [env.reset(seed=0)[1]] + [env.step(np.zeros(3))[-1] for _ in range(3)]
+    assert [info["perturbed"] for info in infos] == [0, 1, 2, 0]
+    assert all(isinstance(info["perturbed"], np.int64) for info in infos)
 
 
 def test_repeatability_is_in_hundredths_of_the_range():
@@ -368,6 +386,15 @@ def test_what_cannot_be_is_refused(schedule, arguments, message):
     with pytest.raises(ValueError, match=message):
         Perturb(env, schedule, **arguments)
     assert_same(arrays(env.model), before)
+
+
+def test_parts_of_a_tuple_cannot_be_named():
+    both = gym.spaces.Dict(views=gym.spaces.Tuple([BOX(0, 255, (24, 32, 3), np.uint8)]))
+    for name, given in (("images", {"render": ("views", 0)}), ("late", [("views", 0)])):
+        with pytest.raises(
+            ValueError, match=rf"{name} names 'views/0', .*: views; what is in a Tuple cannot"
+        ):
+            Perturb(Canvas(image=both), do("latency"), **{name: given})
 
 
 @pytest.mark.parametrize(("mode", "more"), [(None, ""), ("rgb_array", ", exposure, blur, image_noise, lens")])
