@@ -152,6 +152,21 @@ def test_motors_are_at_fault_about_where_the_arm_rests():
             np.testing.assert_array_equal(found[:, 1], np.float32([0.02, 0.02, 0.05, 0.02]))
 
 
+@pytest.mark.parametrize("fault", [{"type": "motor_sign"}, {"type": "dead_zone", "words": 0.2}])
+def test_rescaled_actions_are_at_fault_about_the_same_place(fault):
+    faults = [{"at": {"step": 0}, "do": {**fault, "motor": "shoulder"}}]
+    scaled = gym.wrappers.TimeLimit(gym.wrappers.RescaleAction(Workbench(), -1, 2), 9)
+    plain = Workbench()
+    outside = gym.wrappers.RescaleAction(scaled, plain.action_space.low, plain.action_space.high)
+    envs = [begun(Perturb(each, faults, seed=0), None) for each in (plain, scaled, outside)]
+    for position in ([0.4, 0.05], [0.6, 0.02], [0.1, 0.0]):
+        low, high = plain.model.actuator_ctrlrange.T
+        word = -1 + 3 * (np.array(position) - low) / (high - low)
+        for env, action in zip(envs, (position, word, position), strict=True):
+            env.step(np.float32(action))
+            np.testing.assert_allclose(env.unwrapped.data.ctrl, plain.data.ctrl, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("box", "action", "there"),
     [
