@@ -68,7 +68,7 @@ def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
 
     Raises:
         ImportError: stable-baselines3 is not installed.
-        ValueError: Its next trials do not begin at once.
+        ValueError: Its next trials do not begin at once, or it is a list of single environments.
     """
     try:
         from stable_baselines3.common.vec_env import VecMonitor

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from calfree_gym.engine.vector import Row
+from calfree_gym.engine.vector import ArmVectorEnv, Row
 
 
 class StereoArmVecEnv(VecEnv):
@@ -24,10 +24,15 @@ class StereoArmVecEnv(VecEnv):
         envs: A batched environment that begins next trials in the step that ends one (SAME_STEP).
 
     Raises:
-        ValueError: It begins them otherwise.
+        ValueError: It begins them otherwise, or is a list of single environments.
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+        if not isinstance(envs.unwrapped, ArmVectorEnv):
+            raise ValueError(
+                f"the batched environment is a {type(envs.unwrapped).__name__}; it must be CalFree's own, as "
+                "make_vec makes it without vectorization_mode. Single environments go into a DummyVecEnv"
+            )
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"the batched environment's autoreset_mode is {mode}; it must be SAME_STEP")
@@ -64,7 +69,7 @@ class StereoArmVecEnv(VecEnv):
         success = infos["final_info"]["is_success"] if dones.any() else infos["is_success"]
         listed: list[dict[str, Any]] = [{"is_success": bool(s)} for s in success]
         for row in np.flatnonzero(dones):
-            listed[row]["terminal_observation"] = {k: v[row] for k, v in infos["final_obs"].items()}
+            listed[row]["terminal_observation"] = infos["final_obs"][row]
             listed[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
         return dict(observations), rewards.astype(np.float32), dones, listed
 

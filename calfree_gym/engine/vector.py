@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector.utils import batch_space, iterate
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Events, RowState
@@ -18,6 +18,7 @@ from calfree_gym.engine.config import RENDER_MODES, Config
 from calfree_gym.engine.environment import Environment
 from calfree_gym.engine.spaces import Observation, checked_options, control_words
 from calfree_gym.errors import check_choice, check_whole
+from calfree_gym.geometry import Flags
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.schedule import Applied, Undo
 from calfree_gym.world import World
@@ -191,9 +192,11 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         ) & ~over
         self._over = terminated | truncated
         self._applied = applied
-        infos = self._infos(success, seconds, applied, events)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
-            observation, infos = self._begin_at_once(observation, infos)
+            final_infos = self._infos(success, seconds, applied, events, self._over.copy())
+            observation, infos = self._begin_at_once(observation, final_infos)
+        else:
+            infos = self._infos(success, seconds, applied, events)
         self._show()
         return observation, rewards, terminated, truncated, infos
 
@@ -213,12 +216,7 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         observation, _, success = self.arms.outcome()
         seconds = np.where(over, 0.0, final_infos["robot_seconds"])
         infos = self._infos(success, seconds, applied, self.arms.events())
-        return observation, infos | {
-            "final_obs": final,
-            "_final_obs": over,
-            "final_info": final_infos,
-            "_final_info": over,
-        }
+        return observation, infos | final_of_rows(self.observation_space, final, final_infos, over)
 
     def render(self) -> Any:
         """One frame a row, as `StereoArmEnv.render`; None without a render mode.
@@ -256,8 +254,16 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
             raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
         return np.flatnonzero(mask)
 
-    def _infos(self, success: Any, seconds: Any, applied: list[Applied], events: Events) -> dict[str, Any]:
-        every = np.ones(self.num_envs, bool)
+    def _infos(
+        self,
+        success: Any,
+        seconds: Any,
+        applied: list[Applied],
+        events: Events,
+        told: Flags | None = None,
+    ) -> dict[str, Any]:
+        """Infos that are told of some rows (num_envs,), by default of all."""
+        every = np.ones(self.num_envs, bool) if told is None else told
         perturbed = np.bincount([row for row, _ in applied], minlength=self.num_envs)
         infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed} | events
         if self._gives_truth:
@@ -299,6 +305,27 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""
         self._close()
+
+
+def final_of_rows(
+    space: gym.Space[Any], observation: Observation, infos: dict[str, Any], over: Flags
+) -> dict[str, Any]:
+    """What infos tell of trials that are over, in the form of Gymnasium's own vector environments.
+
+    Args:
+        space: Of observations of N rows.
+        observation: Of all rows, before the next trials.
+        infos: Of all rows, then.
+        over: Whose trials (N,) are over.
+
+    Returns:
+        `final_obs` is an array (N,) of objects: the row's last observation, or None.
+    """
+    final = np.full(len(over), None)
+    for row, of_row in enumerate(iterate(space, observation)):
+        if over[row]:
+            final[row] = of_row
+    return {"final_obs": final, "_final_obs": over, "final_info": infos, "_final_info": over}
 
 
 class Row:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
+
+from calfree_gym.perturb.images import is_colour_image
 
 Path = str | Sequence[str]
 """The key of a leaf, or keys one behind the other; none: the observation itself."""
@@ -44,17 +46,24 @@ def leaves(space: gym.Space[Any], keys: Keys = ()) -> dict[Keys, gym.Space[Any]]
 def check_path(name: str, keys: Keys, space: gym.Space[Any]) -> None:
     """Raises ValueError, naming those that there are, where mappings of observations have no such part."""
     below: Any = space
+    in_tuple = ""
     for key in keys:
+        if isinstance(below, gym.spaces.Tuple):
+            in_tuple = "; what is in a Tuple cannot be named: make it a Dict by a wrapper"
         below = below.spaces.get(key) if isinstance(below, gym.spaces.Dict) else None
     if below is None:
         known = ", ".join("/".join(path) for path in leaves(space) if path) or "no keys"
-        raise ValueError(f"{name} names {'/'.join(map(str, keys))!r}, but observations have: {known}")
+        named = "/".join(map(str, keys))
+        raise ValueError(f"{name} names {named!r}, but observations have: {known}{in_tuple}")
 
 
-def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> Mapping[str, Keys]:
-    """Images in observations that are called as a camera is."""
+def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> dict[str, tuple[Keys, ...]]:
+    """Images in observations that are called as a camera is: those of colours, where it has any."""
+    found: dict[str, dict[Keys, bool]] = {}
+    for path, each in leaves(space).items():
+        if path and path[-1] in cameras and len(each.shape or ()) == 3:
+            found.setdefault(path[-1], {})[path] = is_colour_image(each)
     return {
-        path[-1]: path
-        for path, each in leaves(space).items()
-        if path and path[-1] in cameras and len(each.shape or ()) == 3
+        name: tuple(path for path in paths if paths[path] or not any(paths.values()))
+        for name, paths in found.items()
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -114,7 +115,8 @@ def paired(
 ) -> Paired:
     """Makes the same episodes under each schedule of perturbations.
 
-    Episode k is reset with seed + k under all of them, and `Perturb` has the same seed.
+    Episode k is reset with seed + k under all of them, and `Perturb` has the same seed. A schedule of which
+    nothing was applied, as all is due later, is warned of.
 
     Args:
         make_env: Makes the environment. What it draws when it is made, not when it is reset (MetaWorld's
@@ -140,18 +142,27 @@ def paired(
         raise ValueError(f"schedules is {schedules!r}; it must be schedules by name, such as {{'none': []}}")
     with ExitStack() as made:
         lives: dict[str, _Episodes] = {}
+        perturbed: list[Perturb] = []
         for name, schedule in schedules.items():
             bare = make_env()
             if any(bare.unwrapped is each.unwrapped for each in lives.values()):
                 raise ValueError("make_env gave the same environment again; it must make a new one each time")
             env = made.enter_context(closing(Perturb(bare, schedule, seed=seed, **perturb)))
+            perturbed.append(env)
             lives[name] = _Episodes(wrap(env) if wrap else env, seed, success or _told)
-        for life in lives.values():
+        for (name, life), env in zip(lives.items(), perturbed, strict=True):
             if learns:
                 policy(life).learn(LIFE, lambda *_, life=life: len(life.outcomes) < episodes)
             else:
                 for _ in range(episodes):
                     _episode(life, policy)
+            if schedules[name] and not env.applied_in_all:
+                warnings.warn(
+                    f"nothing of the schedule {name!r} was applied in {episodes} episodes: it is due after "
+                    "all of them, or, with per='episode', after the end of each",
+                    stacklevel=2,
+                )
+            env.unperturbed()  # the next environment may share its model
         return Paired({name: tuple(life.outcomes[:episodes]) for name, life in lives.items()})
 
 

@@ -31,7 +31,7 @@ class Scope:
     Attributes:
         adapter: Finds its model; None: it has none.
         rendered: The camera that `render()` shows.
-        images: Where observations have the image of a camera; None: who wraps the environment makes it.
+        images: Where observations have images of a camera; nowhere: who wraps the environment makes them.
         late: What of observations can be late.
         parts: Names of what can be perturbed.
 
@@ -55,14 +55,14 @@ class Scope:
         self._cameras = names_of(model, "camera", model.ncam) if model else ()
         self.rendered = self._rendered()
         space = env.observation_space
-        self.images: dict[str, Keys | None] = dict(images_by_name(space, self._cameras))
+        self.images = images_by_name(space, self._cameras)
         if images is not None:
-            self.images = {name: None if path is None else keys_of(path) for name, path in images.items()}
+            self.images = {name: () if path is None else (keys_of(path),) for name, path in images.items()}
         self.parts = ModelParts((), ())
-        for name, keys in self.images.items():
+        for name, paths in self.images.items():
             if model and name not in (*self._cameras, RENDER):
                 raise ValueError(f"images names {self._no_camera(name)}")
-            if keys is not None:
+            for keys in paths:
                 check_path("images", keys, space)
         if isinstance(late, str):
             raise ValueError(f"late is {late!r}; it must be a list of parts, such as [{late!r}]")
@@ -131,13 +131,13 @@ class Scope:
                 self._check_image(f"{where}: {kind}", name)
 
     def _check_image(self, where: str, camera: str) -> None:
-        keys = self.images.get(camera)
-        space = None if keys is None else leaf(self._env.observation_space, keys)
-        if space is not None and not is_colour_image(space):
-            raise ValueError(
-                f"{where} acts on images (h, w, 3) or (3, h, w) of uint8; those of {camera!r} are {space}"
-            )
-        if space is None and not (self.frames_can_be_at_fault and camera == self.rendered):
+        paths = self.images.get(camera, ())
+        for keys in paths:
+            if not is_colour_image(space := leaf(self._env.observation_space, keys)):
+                raise ValueError(
+                    f"{where} acts on images (h, w, 3) or (3, h, w) of uint8; those of {camera!r} are {space}"
+                )
+        if not paths and not (self.frames_can_be_at_fault and camera == self.rendered):
             raise ValueError(
                 f"{where} acts on images as they are delivered, and none of {camera!r} is: give "
                 f"images={{{camera!r}: KEYS}}, or render_mode='rgb_array' (found: {self._env.render_mode!r})"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import gymnasium as gym
 import mujoco
 import numpy as np
+from gymnasium.wrappers import RescaleAction
 from numpy.typing import ArrayLike
+
+from calfree_gym.geometry import Array
 
 Env = gym.Env[Any, Any]
 FREE = -1
@@ -51,18 +54,40 @@ class Adapter:
     def rest(self, env: Env) -> ArrayLike | None:
         """The action (m,) that leaves a robot where it is after a reset; None: the middle of each range.
 
-        Here it is where position servos stand, if actions are their targets.
+        Here it is where position servos stand, if actions are their targets, also as Gymnasium's
+        `RescaleAction` scales them.
         """
         model, data = self.simulation(env)
-        box: Any = env.action_space
+        outer: Any = env.action_space
         ranges = model.actuator_ctrlrange.T
-        if not isinstance(box, gym.spaces.Box) or box.shape != (model.nu,):
-            return None
-        if not np.array_equal([box.low, box.high], ranges.astype(box.dtype)):
-            return None
+        while not _is_box_of(env.action_space, ranges):
+            if not _only_rescales(env):
+                return None
+            env = env.env
         stiffness = -model.actuator_biasprm[:, 1]
         servos = (stiffness > 0) & (stiffness == model.actuator_gainprm[:, 0])
-        return np.where(servos, data.actuator_length, ranges.mean(0))
+        rest = np.where(servos, data.actuator_length, ranges.mean(0))
+        box: Any = env.action_space
+        if outer == box:
+            return rest
+        share = (rest - box.low) / np.where(box.high > box.low, box.high - box.low, 1)
+        return outer.low + share * (outer.high - outer.low)
+
+
+def _is_box_of(space: gym.Space[Any], ranges: Array) -> bool:
+    """Whether actions are in these ranges (2, m), as exactly as they are told."""
+    return (
+        isinstance(space, gym.spaces.Box)
+        and space.shape == ranges.shape[1:]
+        and np.array_equal([space.low, space.high], ranges.astype(space.dtype))
+    )
+
+
+def _only_rescales(env: Env) -> TypeGuard[gym.Wrapper[Any, Any, Any, Any]]:
+    """Whether it is a wrapper that gives actions on as they are, or as they are in another box."""
+    if isinstance(env, gym.ActionWrapper):
+        return isinstance(env, RescaleAction)
+    return isinstance(env, gym.Wrapper) and env.action_space == env.env.action_space
 
 
 class DmControl(Adapter):

@@ -41,7 +41,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         ]
         env = Perturb(gym.make(...), knock, seed=0, images={"front": ("pixels", "front")})
 
-    `info["perturbed"]` counts the perturbations applied before a step or reset.
+    `info["perturbed"]` counts the perturbations applied before a step or reset, the environment's own too.
 
     What acts, and how:
 
@@ -65,6 +65,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Attributes:
         applied: The perturbations applied before the last step or reset, with all that they drew.
+        applied_in_all: How many were applied so far.
         world: The present world; cameras, motors and joints are in the order of `parts`.
         parts: Names of what can be perturbed. The camera "render" is what `render()` shows, where that is
             none of a model: its images can be perturbed, but not its place.
@@ -75,8 +76,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         seed: Of all that is drawn. By default it is the seed of the first reset.
         images: Where images are in observations, by camera, such as `{"top": ("pixels", "top")}`; `()` is the
             observation itself, None an image that whoever wraps this environment makes from the model. By
-            default these are images that are called as a camera of the model. What `render()` shows is of the
-            camera that `gym.make(..., camera_name="track")` names.
+            default these are all images that are called as a camera of the model. What `render()` shows is of
+            the camera that `gym.make(..., camera_name="track")` names.
         per: "life": the schedule runs over all episodes, and resets with a seed begin no draws anew;
             "episode": it begins anew in each of them, with other draws, and a reset with a seed repeats them.
         late: Which parts of observations `latency` and `point_dropout` meet; by default all.
@@ -132,6 +133,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._seed: int | None = None
         self.world = self._built
         self.applied: list[Perturbation | Undo] = []
+        self.applied_in_all = 0
         self._counts = {"motion": 0, "trial": 0}
         self._done: dict[str, tuple[int, list[Perturbation | Undo]]] = {}
         self._resets = self._steps = 0
@@ -158,7 +160,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._resets += 1
         self._counts["trial"] += 1
         self._past.clear()
-        return self._observed(observation), {**info, "perturbed": np.int64(len(self.applied))}
+        return self._observed(observation), self._told(info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes a step, after the perturbations that are due."""
@@ -168,8 +170,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._counts["motion"] += 1
         self._steps += 1
-        info = {**info, "perturbed": np.int64(len(self.applied))}
-        return self._observed(observation), reward, terminated, truncated, info
+        return self._observed(observation), reward, terminated, truncated, self._told(info)
 
     def render(self) -> Any:
         """The frame, with the faults of its camera."""
@@ -180,6 +181,11 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Makes all as it was built, to the bit, until the next perturbation."""
         self._scheduler.forget(0)
         self._enter(self._built)
+
+    def close(self) -> None:
+        """Closes the environment, whose model is as built again: others may share it."""
+        self.unperturbed()
+        super().close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -217,6 +223,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 if perturbation is not None:
                     applied.append(perturbation)
         self._done[clock] = count, applied
+        self.applied_in_all += len(applied)
         return applied
 
     def _enter(self, world: World) -> None:
@@ -225,7 +232,12 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             if self._model is not None:
                 self._model.write(world)
 
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        return {**info, "perturbed": np.int64(len(self.applied) + info.get("perturbed", 0))}
+
     def _executed(self, action: Any) -> Any:
+        if np.shape(action)[-1:] != (shape := self.action_space.shape):
+            raise ValueError(f"the action has shape {np.shape(action)}; it must have {shape}")
         spread, normal = self.world.repeatability, np.zeros(len(self.parts.motors))
         if spread.any():
             parts: Any = self.parts
@@ -235,8 +247,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _observed(self, observation: Any) -> Any:
         if self._faults_images and self.world is not self._built:
-            for camera, keys in self._scope.images.items():
-                if keys is not None:
+            for camera, paths in self._scope.images.items():
+                for keys in paths:
                     image = self._faulty(leaf(observation, keys), camera)
                     observation = with_leaf(observation, keys, image)
         return self._late(observation) if self._keeps_observations else observation

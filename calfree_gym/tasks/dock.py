@@ -360,7 +360,8 @@ class DockEnv(ArmEnv, arms=DockArms):
         goal: "marks" or "shown", see above.
         observation: "points" or "vision", see above. With vision, worlds and starts are drawn again until all
             tags are seen whole, and large enough to be found.
-        tolerance_px: Image distance of the rendezvous, in pixels of 512.
+        tolerance_px: Image distance of the rendezvous, in pixels of 512. From about 4 on, four marks may tell
+            the docked pose too coarsely in all worlds: then none is found.
         dynamics: "kinematic": the robot follows the arc; or "physics": MuJoCo drives it there,
             within 5 mm and 1 degree of that in a motion of 30 cm or 40 degrees.
         perturbations, redraw, pool, terminate_on_success: As for `StereoArmEnv`. Perturbations of wheels and

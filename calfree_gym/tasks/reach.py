@@ -480,7 +480,7 @@ class StereoArmVectorEnv(ArmVectorEnv, arms=ReachArms):
         max_episode_steps: Motions after which a trial is truncated; -1: never.
         autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
             next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
-            in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
+            in `infos["final_obs"][row]`. DISABLED: by `reset(options={"reset_mask": ...})`.
         threads: Threads of the simulation (0: all cores); they change no number.
         world: As for `StereoArmEnv`, or a list of one a row.
         **arguments: As for `StereoArmEnv`.

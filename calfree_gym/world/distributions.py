@@ -12,6 +12,7 @@ import numpy as np
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
 from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
+from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
@@ -38,9 +39,17 @@ ENCODER_STEP, DETENT = 360 / 4096, 360 / 29
 """Of a hobby servo's encoder and of its gears, in degrees: see docs/worlds.md."""
 
 
+def nominal(robot: Robot | ArmChoice = MOVEMASTER) -> World:
+    """The built robot, by default the RV-M2, perfectly calibrated, with image points of 0.5 px noise."""
+    return _built(_robot(robot))
+
+
+def _robot(robot: Robot | ArmChoice) -> Robot:
+    return robot_of(robot) if isinstance(robot, str | Arm | Mapping) else robot
+
+
 @lru_cache(maxsize=16)
-def nominal(robot: Robot = MOVEMASTER) -> World:
-    """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
+def _built(robot: Robot) -> World:
     rig, motors, cameras = robot.rig, len(robot.motors), len(robot.cameras)
     return World(
         camera_position=rig.position,
@@ -248,15 +257,18 @@ class WorldDistribution:
         """As `World.register_bound`, of all that it draws."""
         return 1.0
 
-    def sample(self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot = MOVEMASTER) -> World:
+    def sample(
+        self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot | ArmChoice = MOVEMASTER
+    ) -> World:
         """The world of `seed`.
 
         Args:
             seed: Non-negative.
             attempt: How many draws before it were out of view.
             trial: The trial, where each has a world of its own.
-            robot: The arm.
+            robot: The arm, as `arm` of an environment.
         """
+        robot = _robot(robot)
 
         def draw(group: str) -> np.random.Generator:
             return stream(seed, "world_" + group, trial, attempt)

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Arms
-from calfree_gym.engine.vector import Row
+from calfree_gym.engine.vector import Row, final_of_rows
 from calfree_gym.perturbations.schedule import Event, PerturbationScheduler
 from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
@@ -234,7 +234,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
                 self.records.append(replace(meter.record(), trial=self.trials))
                 self._on_trial(self.records[-1])
         if over.any():
-            final = {"final_obs": observation, "_final_obs": over, "final_info": infos, "_final_info": over}
+            final = final_of_rows(self.observation_space, observation, infos, over)
             observation, infos = self.env.reset(options={"reset_mask": over})
             for begun in np.flatnonzero(over).tolist():
                 self._meters[begun] = self._meter(begun, infos)

@@ -144,3 +144,10 @@ def test_bounds_that_bound_nothing_are_errors(name, wrong, allowed):
 def test_only_rows_that_begin_again_at_once_suit_stable_baselines3():
     with pytest.raises(ValueError, match=r"autoreset_mode is .*NEXT_STEP.* must be SAME_STEP"):
         as_sb3_env(make(rows=1))
+
+
+def test_a_list_of_single_environments_is_refused_before_a_trial_ends():
+    at_once = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    listed = make(rows=1, vectorization_mode="sync", vector_kwargs=at_once)
+    with pytest.raises(ValueError, match=r"is a SyncVectorEnv; .*without vectorization_mode.*DummyVecEnv"):
+        as_sb3_env(listed)

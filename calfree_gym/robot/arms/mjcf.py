@@ -73,6 +73,10 @@ def read(source: Source) -> tuple[str, dict[str, str]]:
         _write_out(spec)
         spec.compile()
         text = spec.to_xml()
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{what}, or a file that it includes, is not UTF-8: {error}; save it as that"
+        ) from error
     except ValueError as error:
         if missing := re.search(r"Error opening file '(.*)'", str(error)):
             raise _unreadable(spec, what, missing[1]) from error

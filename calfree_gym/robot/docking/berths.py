@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.image import inside
+from calfree_gym.image import PIXELS_PER_UNIT, inside
 from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Mounts
 from calfree_gym.robot.docking.base import Base, before, relative
@@ -160,12 +160,15 @@ class Berths(OfWorlds):
             return False
         return len(self.robot.marks) < 4 or self.tells_docked(row)
 
-    in_view_means: ClassVar[str] = (
-        f"its own marks, and the dock's from {MIN_IN_VIEW:.0%} of the starts, in view of all cameras, marks "
-        f"at least {LEVEL} m above or below these, and the docked pose told to {DOCKED_M} m and "
-        f"{DOCKED_DEGREES:g} degrees"
-    )
-    """What a world in view has, in words."""
+    @property
+    def in_view_means(self) -> str:
+        """What a world in view has, in words."""
+        return (
+            f"its own marks, and the dock's from {MIN_IN_VIEW:.0%} of the starts, in view of all cameras, "
+            f"marks at least {LEVEL} m above or below these, and, by marks that meet within tolerance_px "
+            f"{self._tolerance * PIXELS_PER_UNIT:g} (a smaller one tells it better), the docked pose told to "
+            f"{DOCKED_M} m and {DOCKED_DEGREES:g} degrees"
+        )
 
     def check_in_view(self, row: int) -> None:
         """Raises where the world of a row, which was given, is not in view.

@@ -31,7 +31,6 @@ class TaggedBerths(Berths):
     """
 
     of_world: ClassVar[tuple[str, ...]] = (*Berths.of_world, "_positions")
-    in_view_means: ClassVar[str] = f"{Berths.in_view_means}; all by tags of {SMALLEST_PX:g} pixels or more"
 
     def __init__(self, rows: int, robot: Base, mounts: Mounts, tolerance: float) -> None:
         super().__init__(rows, robot, mounts, tolerance)
@@ -39,6 +38,11 @@ class TaggedBerths(Berths):
         tags = prints(len(robot.marks))
         self._dock_tags = [tag for tag in tags if not tag.own]
         self._own_tags = [tag for tag in tags if tag.own]
+
+    @property
+    def in_view_means(self) -> str:
+        """See `Berths`."""
+        return f"{super().in_view_means}; all by tags of {SMALLEST_PX:g} pixels or more"
 
     def set_world(self, row: int, world: World) -> None:
         """See `Berths`."""

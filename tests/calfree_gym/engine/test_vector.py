@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 
 from calfree_gym import nominal
 from calfree_gym.tasks.reach import ReachArms
-from tests.calfree_gym.environments import assert_same, begun, kinematic, make
+from tests.calfree_gym.environments import assert_same, begun, kinematic, make, of_row
 
 WORD = np.full(3, 0.05)
 
@@ -53,7 +53,7 @@ def test_same_step_autoreset_gives_the_last_observation_and_the_next_first_one()
         np.testing.assert_array_equal(truncated, also_truncated)
         if truncated.all():
             ended += 1
-            assert_same(infos["final_obs"], last)
+            assert_same(list(infos["final_obs"]), [of_row(last, row) for row in range(3)])
             np.testing.assert_array_equal(infos["_final_obs"], True)
             last, *_ = after.step(words)
         assert_same(first, last)
@@ -181,6 +181,30 @@ def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():
         for name in ("is_success", "robot_seconds", "perturbed"):
             np.testing.assert_array_equal(info[name], same[name])
             np.testing.assert_array_equal(info["_" + name], same["_" + name])
+
+
+def told(infos):
+    """What infos tell, without the numbers of rows of which they do not."""
+    if not isinstance(infos, dict):
+        return list(infos) if infos.dtype == object else infos
+    whole = {key for key in infos if key[0] == "_" or key in ("final_obs", "final_info", "truth")}
+    return {key: told(value if key in whole else value[infos["_" + key]]) for key, value in infos.items()}
+
+
+def test_last_observations_are_those_of_gymnasiums_own_vector_environment():
+    at_once = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    arguments = {"rows": 4, "perturbations": SCHEDULE, "max_episode_steps": 5, "tolerance_px": 120.0}
+    listed = kinematic(vectorization_mode="sync", vector_kwargs=at_once, **arguments)
+    made = [kinematic(**at_once, **arguments), listed]
+    assert_same(*(envs.reset(seed=3)[0] for envs in made))
+    ended = []
+    for words in np.random.default_rng(0).uniform(-0.2, 0.2, (12, 4, 3)).astype(np.float32):
+        (*ours, infos), (*theirs, expected) = (envs.step(words) for envs in made)
+        assert_same(ours, theirs)
+        assert_same(told(infos), told(expected))
+        ended.append(sum(last is not None for last in infos.get("final_obs", [])))
+    assert {1, 2, 3} & set(ended), "rows end alone, too"
+    assert sum(ended) > 4
 
 
 @pytest.mark.parametrize("rows", [None, 3])

@@ -2,9 +2,11 @@
 
 import re
 import sys
+import warnings
 from functools import cache
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
@@ -44,6 +46,37 @@ def test_episodes_are_the_same_but_for_what_is_perturbed():
     assert (mirrored.success, mirrored.won, mirrored.lost, mirrored.difference) == (0.0, 0, 8, -1.0)
     assert mirrored.p == pytest.approx(2 / 2**8)
     assert mirrored.low == -1 < mirrored.high < 0
+
+
+def test_a_knock_stays_in_its_own_life_where_environments_share_a_model():
+    model = TableTop().model
+    built = model.cam_quat.copy()
+
+    def make_env():
+        env = TableTop(steps=3)
+        env.model, env.data = model, mujoco.MjData(model)
+        return env
+
+    def as_built(env, info):
+        return (env.unwrapped.model.cam_quat == built).all()
+
+    schedules = {"knocked": KNOCKED, "none": NONE, "again": KNOCKED}
+    table = paired(make_env, towards, schedules, episodes=2, success=as_built, images={"top": None})
+    assert table.outcomes == {"knocked": (False, False), "none": (True, True), "again": (False, False)}
+    np.testing.assert_array_equal(model.cam_quat, built)
+
+
+def test_a_schedule_that_never_comes_is_warned_of():
+    late, never = [{**MIRRORED[0], "at": {"step": 7}}], [{**MIRRORED[0], "at": {"step": 8}}]
+    given = {"make_env": lambda: TableTop(steps=8), "policy": towards, "episodes": 2}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        paired(schedules={"none": NONE, "late": late}, per="episode", **given)
+        paired(schedules={"none": NONE, "of a life": never}, **given)
+    with pytest.warns(
+        UserWarning, match="nothing of the schedule 'never' was applied in 2 episodes: .*the end of each"
+    ):
+        paired(schedules={"none": NONE, "late": late, "never": never}, per="episode", **given)
 
 
 def test_a_model_with_predict_gets_its_state_back():

@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 
 from calfree_gym import Perturb
-from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.perturb.images import faulty
-from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.perturb.scope import ALLOWED
 from calfree_gym.perturbations import TYPES
-from calfree_gym.vision.cameras import image_points
-from tests.calfree_gym.environments import assert_same, begun
+from tests.calfree_gym.environments import assert_same, begun, kinematic
 from tests.calfree_gym.perturb.table_top import TableTop
 from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
 
@@ -152,6 +148,21 @@ def test_motors_are_at_fault_about_where_the_arm_rests():
             np.testing.assert_array_equal(found[:, 1], np.float32([0.02, 0.02, 0.05, 0.02]))
 
 
+@pytest.mark.parametrize("fault", [{"type": "motor_sign"}, {"type": "dead_zone", "words": 0.2}])
+def test_rescaled_actions_are_at_fault_about_the_same_place(fault):
+    faults = [{"at": {"step": 0}, "do": {**fault, "motor": "shoulder"}}]
+    scaled = gym.wrappers.TimeLimit(gym.wrappers.RescaleAction(Workbench(), -1, 2), 9)
+    plain = Workbench()
+    outside = gym.wrappers.RescaleAction(scaled, plain.action_space.low, plain.action_space.high)
+    envs = [begun(Perturb(each, faults, seed=0), None) for each in (plain, scaled, outside)]
+    for position in ([0.4, 0.05], [0.6, 0.02], [0.1, 0.0]):
+        low, high = plain.model.actuator_ctrlrange.T
+        word = -1 + 3 * (np.array(position) - low) / (high - low)
+        for env, action in zip(envs, (position, word, position), strict=True):
+            env.step(np.float32(action))
+            np.testing.assert_allclose(env.unwrapped.data.ctrl, plain.data.ctrl, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("box", "action", "there"),
     [
@@ -168,6 +179,24 @@ def test_actions_of_any_kind_of_numbers_are_executed_as_such(box, action, there)
         env.step(action)
     assert env.unwrapped.got.dtype == box.dtype or isinstance(action[0], float)
     np.testing.assert_allclose(env.unwrapped.got, there, atol=1e-6)
+
+
+def test_an_action_of_another_length_is_told_while_a_motor_is_at_fault():
+    env = begun(Perturb(Workbench(), do("motor_gain"), seed=0), None)
+    env.step(HOME)
+    with pytest.raises(ValueError, match=r"the action has shape \(3,\); it must have \(2,\)"):
+        env.step(np.zeros(3))
+
+
+def test_what_the_environment_perturbs_itself_is_counted_too():
+    own = [
+        {"at": {"motion": 0}, "do": {"type": "camera_roll"}},
+        {"at": {"motion": 1}, "do": {"type": "blur"}},
+    ]
+    env = Perturb(kinematic(perturbations=own), do("latency"), seed=0)
+    infos = [env.reset(seed=0)[1]] + [env.step(np.zeros(3))[-1] for _ in range(3)]
+    assert [info["perturbed"] for info in infos] == [0, 1, 2, 0]
+    assert all(isinstance(info["perturbed"], np.int64) for info in infos)
 
 
 def test_repeatability_is_in_hundredths_of_the_range():
@@ -277,6 +306,15 @@ def test_unperturbed_is_as_built_to_the_bit_and_no_undo_comes_back():
     assert env.world == env._built
 
 
+def test_a_closed_one_leaves_the_model_as_built():
+    env = Perturb(Workbench(), [*knock("camera_roll"), *do("light"), *do("joint_zero")], images=POINTS)
+    before = arrays(env.unwrapped.model)
+    steps(env, KNOCK + 1)
+    env.close()
+    assert_same(arrays(env.unwrapped.model), before)
+    Perturb(Workbench()).close()
+
+
 def test_a_model_that_is_built_anew_is_found_again():
     schedule = [{"at": {"episode": 0}, "do": {"type": "camera_aim", "camera": "front", "degrees": 10}}]
     plain, other = (Perturb(Workbench(["front"], rebuilds), schedule, seed=0) for rebuilds in (False, True))
@@ -361,6 +399,15 @@ def test_what_cannot_be_is_refused(schedule, arguments, message):
     assert_same(arrays(env.model), before)
 
 
+def test_parts_of_a_tuple_cannot_be_named():
+    both = gym.spaces.Dict(views=gym.spaces.Tuple([BOX(0, 255, (24, 32, 3), np.uint8)]))
+    for name, given in (("images", {"render": ("views", 0)}), ("late", [("views", 0)])):
+        with pytest.raises(
+            ValueError, match=rf"{name} names 'views/0', .*: views; what is in a Tuple cannot"
+        ):
+            Perturb(Canvas(image=both), do("latency"), **{name: given})
+
+
 @pytest.mark.parametrize(("mode", "more"), [(None, ""), ("rgb_array", ", exposure, blur, image_noise, lens")])
 def test_a_model_without_a_camera_is_told_with_what_is_possible(mode, more):
     env = gym.make("Reacher-v5", render_mode=mode)
@@ -402,6 +449,31 @@ def test_without_mujoco_images_actions_and_observations_are_perturbed():
     assert (env.render() == 50).all()
 
 
+class Depths(gym.ObservationWrapper):
+    """Adds images to those of a workbench: one that is cropped, and what each pixel shows."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        crop, kinds = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8), gym.spaces.Box(0, 9, (8, 8, 1), np.int32)
+        more = {"wide": gym.spaces.Dict(front=crop), "seg": gym.spaces.Dict(front=kinds)}
+        self.observation_space = gym.spaces.Dict({**env.observation_space.spaces, **more})
+
+    def observation(self, observation):
+        crop = observation["pixels"]["front"][-8:, -8:]
+        return {**observation, "wide": {"front": crop}, "seg": {"front": crop[..., :1].astype(np.int32)}}
+
+
+def test_all_colour_images_of_one_camera_are_at_fault():
+    schedule = [{"at": {"step": 1}, "do": {"type": "exposure", "camera": "front", "factor": 0.5}}]
+    env, bare = Perturb(Depths(Workbench(["front"])), schedule, seed=0), Depths(Workbench(["front"]))
+    for step, (found, plain) in enumerate(zip(steps(env, 2), steps(bare, 2), strict=True)):
+        assert_same(found["seg"], plain["seg"])
+        for images in ("pixels", "wide"):
+            dark = plain[images]["front"] * (0.5 if step == 2 else 1)
+            np.testing.assert_allclose(found[images]["front"], dark, atol=1, err_msg=f"{images} {step}")
+            assert found[images]["front"].any()
+
+
 BOX = gym.spaces.Box
 OF_ACTIONS = r"motor_gain acts on actions that are numbers \(m,\), each in a range"
 
@@ -419,46 +491,6 @@ OF_ACTIONS = r"motor_gain acts on actions that are numbers \(m,\), each in a ran
 def test_actions_without_a_range_and_images_of_other_kinds_are_refused(kind, arguments, message):
     with pytest.raises(ValueError, match=message):
         Perturb(Canvas(**arguments), do(kind), images={"render": ()})
-
-
-WORLD = plain_world(ModelParts(("top",), ()))
-PLACE = np.zeros(2)
-
-
-def world(**fields):
-    return WORLD.replace(**{name: [value] for name, value in fields.items()})
-
-
-@pytest.mark.parametrize("size", [(90, 120), (120, 90), (64, 64)])
-def test_colours_may_be_first_or_last_and_images_rectangular(size):
-    image = np.random.default_rng(0).integers(0, 255, (*size, 3), np.uint8)
-    there = world(exposure=0.7, blur=6.0, image_noise=5.0, lens_k1=-0.1)
-    found = faulty(image, there, 0, PLACE)
-    assert found.shape == image.shape
-    first = faulty(np.moveaxis(image, -1, 0), there, 0, PLACE)
-    np.testing.assert_array_equal(np.moveaxis(first, 0, -1), found)
-
-
-def test_noise_and_exposure_are_as_strong_as_is_said():
-    grey = np.full((90, 120, 3), 100, np.uint8)
-    assert faulty(grey, world(image_noise=8.0), 0, PLACE).std() == pytest.approx(8, rel=0.05)
-    assert (faulty(grey, world(exposure=1.5), 0, PLACE) == 150).all()
-
-
-@pytest.mark.parametrize("k1", [-0.15, 0.1])
-def test_a_lens_puts_points_where_our_own_cameras_see_them(k1):
-    height, width = 120, 160
-    focal = WORLD.focal_length[0] * height / IMAGE_SIZE
-    for pixel in ([60.0, 100.0], [90.0, 40.0], [30.0, 60.0]):
-        image = np.zeros((height, width, 3), np.uint8)
-        row, column = map(int, pixel)
-        image[row - 1 : row + 2, column - 1 : column + 2] = 255
-        middle = np.array([(width - 1) / 2, (height - 1) / 2])
-        flat = (np.array([column, row]) - middle) / focal
-        there, _ = image_points(flat, np.array([focal]), middle, k1, 0.0, np.inf)
-        found = faulty(image, world(lens_k1=k1), 0, PLACE)[..., 0].astype(float)
-        seen = [(found.sum(axis) @ np.arange(found.shape[1 - axis])) / found.sum() for axis in (0, 1)]
-        np.testing.assert_allclose(seen, there, atol=0.3)
 
 
 class Randomised(TableTop):

@@ -165,6 +165,7 @@ MOTION = {"at": {"motion": 1}}
             None,
             r"marks at least 0\.05 m above or below",
         ),
+        ({"tolerance_px": 6.0}, None, r"within tolerance_px 6 \(a smaller one tells it better\), the docked"),
         ({"perturbations": [{**MOTION, "do": {"type": "joint_zero"}}]}, None, NO_ARM),
         ({"perturbations": [{**MOTION, "do": {"type": "occluder"}}]}, None, "this robot is no arm"),
     ],

@@ -146,6 +146,8 @@ def test_files(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_bytes(b"\x00\x01 not an arm")
     refused(r"arm.xml is no MJCF that MuJoCo can read", model=path, gripper="tip")
+    path.write_bytes(ARMS["scara"]["model"].read_text().replace("column", "säule").encode("latin-1"))
+    refused(r"arm.xml, or a file that it includes, is not UTF-8: .* byte 0xe4", model=path, gripper="tip")
     path.write_text(ARMS["names"]["model"].read_text())
     message = refused(r"names wedge.stl, which cannot be read at", model=path, gripper="left.arm/tip")
     assert str(tmp_path / "meshes" / "wedge.stl") in message

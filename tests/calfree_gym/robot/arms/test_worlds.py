@@ -14,7 +14,7 @@ from calfree_gym.vision.cameras import StereoCameras
 from tests.arms.every import EVERY, arm_named, moved_by, rows_of, three_mounts
 from tests.arms.fetched import FETCHED
 from tests.arms.own import ARMS
-from tests.calfree_gym.environments import make
+from tests.calfree_gym.environments import begun, make
 
 WORLDS = 4
 OF_ALL_MOTORS = (
@@ -51,6 +51,20 @@ def test_objects_are_where_motors_come_also_where_hinges_hardly_turn(degrees):
     observation, _ = env.reset(seed=0)
     *_, infos = env.step(observation["object_registers"].astype(np.float32))
     assert infos["truth"]["error_px"].max() < 0.01
+
+
+def test_worlds_are_drawn_for_an_arm_as_environments_draw_them():
+    arm = arm_named("scara")
+    built, coarse = (
+        begun(make(arm=arm, world=kind, keep_in_view=False), seed=4).unwrapped.world
+        for kind in ("nominal", "coarse")
+    )
+    for given in (arm, arm.to_dict(), arm.robot):
+        assert nominal(given) == built
+        assert WorldDistribution("coarse").sample(4, robot=given) == coarse
+    assert nominal("movemaster") == nominal()
+    with pytest.raises(ValueError, match=r"arm is 'scara'; it must be 'movemaster', a calfree_gym.Arm"):
+        nominal("scara")
 
 
 @pytest.mark.parametrize("name", ARMS)
