@@ -264,6 +264,7 @@ class LeRobotReachEnv(PictureReach):
         self.home, self._new_home = home, True
 
     def _go_home(self) -> None:
+        self._new_home |= self._motors.take_over()
         speed = self._speed * (SLOWLY if self._new_home else 1.0)
         for _ in range(PATIENCE):
             if not self._go_to(np.zeros_like(self.registers), speed) and not self.registers.any():
