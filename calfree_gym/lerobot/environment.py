@@ -167,6 +167,8 @@ class LeRobotReachEnv(PictureReach):
         """
         super().reset(seed=seed)
         self._stopped, self.over = {}, False
+        if not self._begun:
+            self._mixed = MixedCameras()
         with self._holding():
             self._go_home()
             for _ in range(PATIENCE):

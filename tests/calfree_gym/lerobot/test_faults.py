@@ -268,11 +268,11 @@ def test_an_arm_that_cannot_hold_its_weight_is_not_followed_down(ready, sent, mo
     robot, env = ready.robot, ready.env
     env.step(WORDS)
     ready.then(moment, lambda: robot.weaken("elbow_flex", degrees))
-    with pytest.raises(ArmError, match="motor elbow_flex (stays back|was told to be at)"):
+    with pytest.raises(ArmError, match=r"motor elbow_flex (stays back|was told to be at)"):
         there_and_back(env, 5, -WORDS)
     goals = []
     for _ in range(3):
-        with pytest.raises(ArmError, match="motor elbow_flex (stays back|was told to be at)"):
+        with pytest.raises(ArmError, match=r"motor elbow_flex (stays back|was told to be at)"):
             env.reset()
         goals.append(sent[-1][2])
     assert np.abs(goals - env.home[2]).max() < 10, "where it was told to be before"
@@ -367,6 +367,41 @@ def test_an_arm_that_was_kept_from_home_on_its_way_is_not_taken_to_be_there(benc
     each.env.reset()
     pan = robot.bus.degrees({"shoulder_pan": robot.bus.ticks()[0]})["shoulder_pan"]
     assert pan == pytest.approx(home["shoulder_pan"] + 25, abs=2)
+
+
+def test_after_an_error_nothing_is_remembered_of_pictures(ready):
+    robot, env = ready.robot, ready.env
+    env.reset()
+    robot.swapped = True
+    with pytest.raises(ArmError, match="have they changed places"):
+        there_and_back(env, 4)
+    env.reset()
+    assert env.step(WORDS)[0]["observation"][:4].all()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "said"),
+    [
+        ("elbow_flex.pos", None, "motor elbow_flex says that it stands at nan"),
+        ("gripper.pos", None, "motor gripper says that it stands at nan"),
+        ("elbow_flex.pos", "far", "could not convert string to float: 'far'"),
+        ("right", None, "camera right has given no picture"),
+    ],
+)
+def test_a_part_that_tells_nothing_is_named(ready, monkeypatch, part, value, said):
+    read = ready.robot.get_observation
+    monkeypatch.setattr(ready.robot, "get_observation", lambda: read() | {part: value})
+    with pytest.raises(ArmError, match=said):
+        ready.env.step(WORDS)
+
+
+def test_a_camera_that_is_missing_is_named(ready, monkeypatch):
+    read = ready.robot.get_observation
+    monkeypatch.setattr(
+        ready.robot, "get_observation", lambda: {k: v for k, v in read().items() if k != "right"}
+    )
+    with pytest.raises(ArmError, match="camera right has given no picture"):
+        ready.env.step(WORDS)
 
 
 def test_a_motor_that_does_not_go_home_is_told(ready):
