@@ -98,8 +98,9 @@ class LeRobotReachEnv(PictureReach):
         cameras: Names of two of its cameras, left and right.
         marks: What gripper and object are seen by: `Marks`, a YAML file of them, or a tracker.
         motors: Names of those that move; by default all but the gripper's.
-        home: Where each motor stands at home, in degrees as LeRobot has them; by default where it stands now.
-            The arm goes to another one slowly, and so it goes home after an error.
+        home: Where each motor stands at home, in degrees as LeRobot has them, or a file that `save` wrote, for
+            an arm that rests; by default where it stands now. The arm goes to another one slowly, and so it
+            goes home after an error.
         unit: Degrees of one register: so far from home motors go, either way.
         speed: Degrees a second, at most.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
@@ -120,7 +121,7 @@ class LeRobotReachEnv(PictureReach):
         cameras: Sequence[str],
         marks: Marks | str | Path | PairTracker | None = None,
         motors: Sequence[str] | None = None,
-        home: Mapping[str, float] | None = None,
+        home: Mapping[str, float] | str | Path | None = None,
         unit: float = 45.0,
         speed: float = 60.0,
         tolerance_px: float = 3.0,
@@ -148,7 +149,10 @@ class LeRobotReachEnv(PictureReach):
         self._encoders = read_encoders(robot, names)
         self._frames, self._mixed = Frames(shown), MixedCameras()
         self._motors = Motors(robot, names, self._frames.note, on_tick)
-        self._set_home(self._motors.here if home is None else _home(home, names))
+        if isinstance(home, str | Path):
+            self._set_home(self._known(None, home)[1])
+        else:
+            self._set_home(self._motors.here if home is None else _home(home, names))
         self._marks = self._marks_in(shown)
         self._own: dict[str, Array] = {}
         self._others: tuple[bool, ...] = ()
@@ -232,11 +236,7 @@ class LeRobotReachEnv(PictureReach):
             ValueError: It is none of those, or of another agent, other motors or another unit; or a motor
                 cannot go so far from that home.
         """
-        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
-        try:
-            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        known, home = self._known(agent, path)
         agent.load(known)
         self._set_home(home)
         self._begun = False
@@ -260,6 +260,15 @@ class LeRobotReachEnv(PictureReach):
             confirm: Asks her, and waits; where it raises, the arm goes on to hold.
         """
         self._torque.release(confirm)
+
+    def _known(self, agent: Any, path: str | Path) -> tuple[knowledge.SavedKnowledge, Array]:
+        """What an agent saved, and home (m,), which is allowed."""
+        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
+        try:
+            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+        return known, home
 
     def _set_home(self, home: Array) -> None:
         check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
