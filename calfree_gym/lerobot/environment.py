@@ -98,9 +98,9 @@ class LeRobotReachEnv(PictureReach):
         cameras: Names of two of its cameras, left and right.
         marks: What gripper and object are seen by: `Marks`, a YAML file of them, or a tracker.
         motors: Names of those that move; by default all but the gripper's.
-        home: Where each motor stands at home, in degrees as LeRobot has them, or a file that `save` wrote, for
-            an arm that rests; by default where it stands now. The arm goes to another one slowly, and so it
-            goes home after an error.
+        home: Where each motor stands at home, in degrees as LeRobot has them, or a file that `save` wrote; by
+            default where it stands now. The arm goes to another one slowly, and so it goes home after an
+            error.
         unit: Degrees of one register: so far from home motors go, either way.
         speed: Degrees a second, at most.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
@@ -282,7 +282,7 @@ class LeRobotReachEnv(PictureReach):
                 self._new_home = False
                 return
         off = self._back or [name for name, at in zip(self._motors.names, self.registers, strict=True) if at]
-        raise self._error(f"on the way home motor {', '.join(off)} stays back")
+        raise self._error(f"on the way home motor {', '.join(off)} stays back: free it, or let it bear less")
 
     def _move(self, words: Array) -> None:
         self._moved = bool(words.any())

@@ -27,9 +27,9 @@ STALLED_S = 0.4
 STILL, READINGS, SETTLE_S = 0.2, 3, 2.0
 """Settled are motors of which so many readings differ by no more than two ticks of 4096 (degrees); they are
 taken to be so after so many seconds. Choice."""
-SHORT, TIMES = 2.0, 3.0
-"""A motor stayed back that is so many degrees short of its goal, and so many times as far as usual. Measured:
-sag, play and friction leave up to 1.6 degrees."""
+SHORT, MOST, TIMES = 2.0, 5.0, 3.0
+"""A motor stayed back that is `SHORT` degrees short of its goal, and so many times as far as usual, or `MOST`
+degrees. Measured: sag, play and friction leave up to 1.6 degrees; 3.1 where motors are a third as stiff."""
 REMEMBERED = 50
 """So many motions tell what is usual. Choice: a day's first reaches."""
 PEAK = 1.5
@@ -150,8 +150,8 @@ class Motors:
     @property
     def stay_back(self) -> NDArray[np.bool_]:
         """Which motors (m,) are farther from their goals than sag and play explain."""
-        usual = [float(np.median(short)) if short else 0.0 for short in self._usual]
-        return np.abs(self.goal - self.here) > np.maximum(SHORT, TIMES * np.array(usual))
+        usual = [float(np.median(short)) if short else MOST for short in self._usual]
+        return np.abs(self.goal - self.here) > np.clip(TIMES * np.array(usual), SHORT, MOST)
 
     @property
     def _yielding(self) -> Array:

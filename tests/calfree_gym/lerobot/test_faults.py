@@ -247,6 +247,21 @@ def test_where_the_arm_fell_without_power_it_goes_home_slowly_from_there(ready):
     assert not observation["observation"][4:].any()
 
 
+@pytest.mark.parametrize("share", [0.5, 0.35])
+def test_a_soft_arm_goes_home_and_is_told_from_a_jammed_one(bench, share):
+    robot = FakeSO101()
+    robot.plant.model.actuator_gainprm[:, 0] *= share
+    robot.plant.model.actuator_biasprm[:, 1] *= share
+    robot.sleep(2)
+    env = bench(robot=robot).env
+    env.reset()
+    assert np.abs(robot.goals_ahead()[:5]).max() > 2, "it is soft"
+    there_and_back(env, 4)
+    np.testing.assert_allclose(env.registers, 0, atol=1e-6)
+    jammed(robot)
+    assert abs(env.step(WORDS)[0]["observation"][6]) < 0.1
+
+
 @pytest.fixture
 def sent(ready, monkeypatch):
     """Goals (n, 6) in degrees, also those that tell the arm to hold."""
