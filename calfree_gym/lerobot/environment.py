@@ -102,7 +102,7 @@ class LeRobotReachEnv(PictureReach):
             default where it stands now. The arm goes to another one slowly, and so it goes home after an
             error.
         unit: Degrees of one register: so far from home motors go, either way.
-        speed: Degrees a second, at most.
+        speed: Degrees a second, at most; a motor that was stuck may snap by up to 8 degrees.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
             than the 4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
         max_motions: A reach is cut off after so many.
@@ -258,6 +258,9 @@ class LeRobotReachEnv(PictureReach):
 
         Args:
             confirm: Asks her, and waits; where it raises, the arm goes on to hold.
+
+        Raises:
+            ArmError: The robot is not connected; call this before `close`.
         """
         self._torque.release(confirm)
 

@@ -358,6 +358,15 @@ def test_torque_stays_on_where_an_environment_is_closed_or_forgotten(tmp_path):
     assert power.read_text() == "on"
 
 
+def test_what_is_closed_releases_no_more():
+    env = LeRobotReachEnv(FakeSO101(), ("left", "right"))
+    env.close()
+    asked = []
+    with pytest.raises(ArmError, match="not connected: only its power switch"):
+        env.release(asked.append)
+    assert not asked
+
+
 def test_a_robot_that_was_connected_stays_so():
     robot = FakeSO101()
     robot.connect(calibrate=False)
