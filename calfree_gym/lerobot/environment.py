@@ -84,8 +84,8 @@ class LeRobotReachEnv(PictureReach):
     - A mark that is not seen, a picture of the other camera, a motor that stays back: the agent sees it and
       goes back. After three motions `ArmError`, with both pictures saved; for a mark, once it is not seen
       where it was seen before: the arm may hide it elsewhere.
-    - A camera that is gone or frozen, a bus that does not answer, overload: `ArmError` at once. Ctrl-C and
-      any other exception come through; the arm holds, too.
+    - A camera that is gone or frozen, a bus that does not answer, overload, a motor that sinks: `ArmError` at
+      once. Ctrl-C and any other exception come through; the arm holds, too.
 
     After an error `reset` begins anew.
 
