@@ -52,8 +52,9 @@ class RegisterErrors(NamedTuple):
 class OwnRobot(PictureReach):
     """Reaching, as agents know it: control words in, image points and registers out.
 
-    All functions are called in one thread, which is not the main one. Where one gives what is not allowed,
-    fails or hangs, or a mark is lost, an error says so before anything moves any further.
+    `go_to` and `take_pictures` are called in one thread, which is not the main one; `place_object` is called
+    by `reset`. Where a function gives what is not allowed, fails or hangs, or a mark is lost, an error says
+    so before anything moves any further.
 
     Args:
         motors: How many.
@@ -118,7 +119,7 @@ class OwnRobot(PictureReach):
             self._go_by(-self.registers)
         if (np.abs(self.registers) > np.maximum(off / 2, BEYOND)).any():
             raise RuntimeError(f"the robot does not come home: its registers are {self.registers}")
-        self._call(self._place_object, patience=None)
+        self._place_object()
         return self._first_look()
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
@@ -171,7 +172,7 @@ class OwnRobot(PictureReach):
                 raise ValueError(f"take_pictures gave a {camera} picture {shape} of {kind}; {allowed}")
         return pictures
 
-    def _call(self, function: Callable[..., Any], *arguments: Any, patience: float | None) -> Any:
+    def _call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
         if self._hangs:
             raise TimeoutError(f"{self._hangs} still hangs: mend it, and make the environment anew")
         result: Future[Any] = Future()

@@ -1,7 +1,10 @@
 """The environment for a robot of one's own, `examples/own_robot.py`: what it asks of her functions."""
 
 import re
+import signal
 import threading
+import time
+import traceback
 
 import gymnasium as gym
 import numpy as np
@@ -141,6 +144,16 @@ def test_words_are_checked_before_anything_moves(words):
     with pytest.raises(ValueError, match=f"the action holds .*{re.escape(FIVE)}"):
         env.step(words)
     assert len(arm.sent) == before
+
+
+def test_ctrl_c_comes_through_to_who_places_the_object():
+    arm, env = made()
+    arm.gives["place_object"] = lambda: signal.raise_signal(signal.SIGINT) or time.sleep(5)
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt) as raised:
+        env.reset()
+    assert time.monotonic() - began < 3
+    assert "place_object" in [frame.name for frame in traceback.extract_tb(raised.tb)]
 
 
 @pytest.mark.parametrize("function", ["go_to", "take_pictures"])

@@ -81,6 +81,7 @@ def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
             run.cameras,
             marks=run.marks,
             motors=run.motors,
+            home=run.load,
             unit=run.unit,
             speed=run.speed,
             tolerance_px=run.tolerance_px,

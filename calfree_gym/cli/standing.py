@@ -66,8 +66,8 @@ class StandingRobot:
         """
         try:
             seen: dict[str, Any] = self._robot.get_observation()
+            self.positions = np.array([float(seen[f"{name}{POSITION}"]) for name in self.motors])
+            left, right = (np.asarray(seen[name]) for name in self.cameras)
         except Exception as error:
             raise ArmError(f"the robot says: {type(error).__name__}: {error}") from error
-        self.positions = np.array([float(seen[f"{name}{POSITION}"]) for name in self.motors])
-        left, right = (np.asarray(seen[name]) for name in self.cameras)
         return PictureLook((left, right), *self._tracker(left, right))

@@ -84,8 +84,8 @@ class LeRobotReachEnv(PictureReach):
     - A mark that is not seen, a picture of the other camera, a motor that stays back: the agent sees it and
       goes back. After three motions `ArmError`, with both pictures saved; for a mark, once it is not seen
       where it was seen before: the arm may hide it elsewhere.
-    - A camera that is gone or frozen, a bus that does not answer, overload: `ArmError` at once. Ctrl-C and
-      any other exception come through; the arm holds, too.
+    - A camera that is gone or frozen, a bus that does not answer, overload, a motor that sinks: `ArmError` at
+      once. Ctrl-C and any other exception come through; the arm holds, too.
 
     After an error `reset` begins anew.
 
@@ -98,10 +98,11 @@ class LeRobotReachEnv(PictureReach):
         cameras: Names of two of its cameras, left and right.
         marks: What gripper and object are seen by: `Marks`, a YAML file of them, or a tracker.
         motors: Names of those that move; by default all but the gripper's.
-        home: Where each motor stands at home, in degrees as LeRobot has them; by default where it stands now.
-            The arm goes to another one slowly, and so it goes home after an error.
+        home: Where each motor stands at home, in degrees as LeRobot has them, or a file that `save` wrote; by
+            default where it stands now. The arm goes to another one slowly, and so it goes home after an
+            error.
         unit: Degrees of one register: so far from home motors go, either way.
-        speed: Degrees a second, at most.
+        speed: Degrees a second, at most; a motor that was stuck may snap by up to 8 degrees.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px. Less
             than the 4 px of `CalFree/Reach-v0`: some 2 mm, where cameras see an arm of 40 cm whole.
         max_motions: A reach is cut off after so many.
@@ -120,7 +121,7 @@ class LeRobotReachEnv(PictureReach):
         cameras: Sequence[str],
         marks: Marks | str | Path | PairTracker | None = None,
         motors: Sequence[str] | None = None,
-        home: Mapping[str, float] | None = None,
+        home: Mapping[str, float] | str | Path | None = None,
         unit: float = 45.0,
         speed: float = 60.0,
         tolerance_px: float = 3.0,
@@ -148,7 +149,10 @@ class LeRobotReachEnv(PictureReach):
         self._encoders = read_encoders(robot, names)
         self._frames, self._mixed = Frames(shown), MixedCameras()
         self._motors = Motors(robot, names, self._frames.note, on_tick)
-        self._set_home(self._motors.here if home is None else _home(home, names))
+        if isinstance(home, str | Path):
+            self._set_home(self._known(None, home)[1])
+        else:
+            self._set_home(self._motors.here if home is None else _home(home, names))
         self._marks = self._marks_in(shown)
         self._own: dict[str, Array] = {}
         self._others: tuple[bool, ...] = ()
@@ -167,6 +171,8 @@ class LeRobotReachEnv(PictureReach):
         """
         super().reset(seed=seed)
         self._stopped, self.over = {}, False
+        if not self._begun:
+            self._mixed = MixedCameras()
         with self._holding():
             self._go_home()
             for _ in range(PATIENCE):
@@ -230,11 +236,7 @@ class LeRobotReachEnv(PictureReach):
             ValueError: It is none of those, or of another agent, other motors or another unit; or a motor
                 cannot go so far from that home.
         """
-        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
-        try:
-            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        known, home = self._known(agent, path)
         agent.load(known)
         self._set_home(home)
         self._begun = False
@@ -256,21 +258,34 @@ class LeRobotReachEnv(PictureReach):
 
         Args:
             confirm: Asks her, and waits; where it raises, the arm goes on to hold.
+
+        Raises:
+            ArmError: The robot is not connected; call this before `close`.
         """
         self._torque.release(confirm)
+
+    def _known(self, agent: Any, path: str | Path) -> tuple[knowledge.SavedKnowledge, Array]:
+        """What an agent saved, and home (m,), which is allowed."""
+        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
+        try:
+            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+        return known, home
 
     def _set_home(self, home: Array) -> None:
         check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
         self.home, self._new_home = home, True
 
     def _go_home(self) -> None:
+        self._new_home |= self._motors.take_over()
         speed = self._speed * (SLOWLY if self._new_home else 1.0)
         for _ in range(PATIENCE):
             if not self._go_to(np.zeros_like(self.registers), speed) and not self.registers.any():
                 self._new_home = False
                 return
         off = self._back or [name for name, at in zip(self._motors.names, self.registers, strict=True) if at]
-        raise self._error(f"on the way home motor {', '.join(off)} stays back")
+        raise self._error(f"on the way home motor {', '.join(off)} stays back: free it, or let it bear less")
 
     def _move(self, words: Array) -> None:
         self._moved = bool(words.any())

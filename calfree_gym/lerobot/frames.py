@@ -38,9 +38,11 @@ class Frames:
         """Takes in what was observed at a time, in s.
 
         Raises:
-            ArmError: A camera has frozen; names it.
+            ArmError: A camera has frozen, or gives nothing; names it.
         """
         for name in self.cameras:
+            if observation.get(name) is None:
+                raise ArmError(f"camera {name} has given no picture")
             if observation[name] is not self._frames.get(name):
                 self._frames[name], self._since[name] = observation[name], now
             elif now - self._since[name] > FROZEN_S:

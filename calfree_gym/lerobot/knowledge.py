@@ -103,7 +103,7 @@ def load(
     kept: dict[str, Any] = {name: (ticks or degrees).get(name) for name in motors}
     if not all(isinstance(at, int | float) and abs(at) < 2**32 for at in kept.values()):
         raise ValueError(f"{path} has home at {kept}; allowed: a finite number of each motor")
-    here = [encoders[name].degrees(at - encoders[name].offset) if ticks else at for name, at in kept.items()]
+    here = [encoders[name].degrees(encoders[name].says(at)) if ticks else at for name, at in kept.items()]
     return known, np.array(here, float)
 
 

@@ -27,9 +27,9 @@ STALLED_S = 0.4
 STILL, READINGS, SETTLE_S = 0.2, 3, 2.0
 """Settled are motors of which so many readings differ by no more than two ticks of 4096 (degrees); they are
 taken to be so after so many seconds. Choice."""
-SHORT, TIMES = 2.0, 3.0
-"""A motor stayed back that is so many degrees short of its goal, and so many times as far as usual. Measured:
-sag, play and friction leave up to 1.6 degrees."""
+SHORT, MOST, TIMES = 2.0, 5.0, 3.0
+"""A motor stayed back that is `SHORT` degrees short of its goal, and so many times as far as usual, or `MOST`
+degrees. Measured: sag, play and friction leave up to 1.6 degrees; 3.1 where motors are a third as stiff."""
 REMEMBERED = 50
 """So many motions tell what is usual. Choice: a day's first reaches."""
 PEAK = 1.5
@@ -47,7 +47,6 @@ class Motors:
     Attributes:
         names: Of the motors, m.
         goal: What they were told last (m,), in degrees.
-        here: Where they stood when they were read last (m,), in degrees.
         seen: What was observed then.
         doing: What happens now, in a word.
 
@@ -71,83 +70,123 @@ class Motors:
         self._robot, self._note, self._on_tick = robot, note, on_tick
         self._usual = [deque[float](maxlen=REMEMBERED) for _ in self.names]
         self._next = self._read_at = -math.inf
-        self.here = np.full(len(self.names), math.inf)
-        self._places = [f"{name}{POSITION}" for name in self.names]
+        self._all = [*self.names, *(name for name in robot_motors(robot) if name not in self.names)]
+        self._at = np.full(len(self._all), math.inf)
         self._read()
         self._read()
-        self.goal = self.here
-        others = [f"{name}{POSITION}" for name in robot_motors(robot) if name not in self.names]
-        self._others = {name: float(self.seen[name]) for name in others}
+        self._left, self.goal, self._others = self._at, self.here, self._at[len(self.names) :]
+        self._way, self._most = (self.goal, self.goal), 0.0
 
     def go_to(self, goal: Array, speed: float) -> NDArray[np.bool_]:
         """Goes to a goal (m,), in degrees, and waits until the arm has settled.
 
         Where a motor stays back, the arm has met something, or a stop: its goal is where it stands then, and
-        others stay where they have come to.
+        others stay where they have come to. No goal leaves the way: an arm that sinks is not followed.
 
         Args:
             goal: Where to.
-            speed: In degrees a second, at most.
+            speed: Of goals, in degrees a second, at most. A motor that was stuck and comes free is faster, by
+                up to `AHEAD` degrees.
 
         Returns:
             Which motors (m,) have stayed back.
+
+        Raises:
+            ArmError: Motors are not where they were told to be. Nothing has moved.
         """
-        self._take_over()
+        self._read()
+        self._read()
+        self._check_near()
+        self._way, self._most = (np.minimum(self.goal, goal), np.maximum(self.goal, goal)), speed / RATE
         self.tick(self.goal)
-        moves = np.abs(goal - self.goal) > STILL
-        self._stream(goal, speed)
+        self._stream(goal)
         self._settle()
         back = self.stay_back
         for usual, short, stays in zip(self._usual, np.abs(self.goal - self.here), back, strict=True):
             if not stays:
                 usual.append(float(short))
-        if (met := back & moves).any():
-            self.tick(np.where(met, self._nearer, self.goal))
+        if ((yielding := self._yielding) != self.goal).any():
+            while (self.goal != yielding).any():
+                self.tick(self._towards(yielding))
             self._settle()
+        self._way = self.goal, self.goal
         return back
 
+    def take_over(self) -> bool:
+        """Whether somebody has moved motors since the last tick, which had no torque; they stay there.
+
+        They are told so at once: they would leap to goals that they had before.
+
+        Raises:
+            ArmError: They had torque, and sink.
+        """
+        self._read()
+        self._read()
+        told = np.concatenate([self.goal, self._others])
+        moved = np.minimum(np.abs(self._at - told), np.abs(self._at - self._left)) > AHEAD
+        if not moved.any():
+            return False
+        goal, self._others = np.split(np.where(moved, self._at, told), [len(self.names)])
+        self._way = goal, goal
+        self.tick(goal)
+        self._settle()
+        self._check_near()
+        return True
+
     def hold(self) -> None:
-        """Stays where it was read last, with no more readings: motors that only sag keep their goals."""
-        self.goal = np.where(self.stay_back, self._nearer, self.goal)
+        """Goals of motors that something stops come to where these stand; others stay. Nothing is read."""
+        yielding = self._yielding
         with suppress(Exception):  # whatever the bus says: without a new goal motors keep their last one
-            self._robot.send_action(self._action(self.goal))
+            while (self.goal != yielding).any():
+                self.goal = self._towards(yielding)
+                self._robot.send_action(self._action(self.goal))
+                self._sleep(1 / RATE)
+
+    @property
+    def here(self) -> Array:
+        """Where the motors stood when they were read last (m,), in degrees."""
+        return self._at[: len(self.names)]
 
     @property
     def stay_back(self) -> NDArray[np.bool_]:
         """Which motors (m,) are farther from their goals than sag and play explain."""
-        usual = [float(np.median(short)) if short else 0.0 for short in self._usual]
-        return np.abs(self.goal - self.here) > np.maximum(SHORT, TIMES * np.array(usual))
+        usual = [float(np.median(short)) if short else MOST for short in self._usual]
+        return np.abs(self.goal - self.here) > np.clip(TIMES * np.array(usual), SHORT, MOST)
 
     @property
-    def _nearer(self) -> Array:
-        """Goals (m,) where motors stand; where those are farther off, so much nearer."""
-        return np.clip(self.here, self.goal - AHEAD, self.goal + AHEAD)
+    def _yielding(self) -> Array:
+        """Goals (m,), of motors that stay back as near to them as the way allows."""
+        return np.where(self.stay_back, np.clip(self.here, *self._way), self.goal)
 
-    def _take_over(self) -> None:
-        """Where somebody has moved motors meanwhile, which had no torque, they stay there."""
-        self._read()
-        self._read()
-        self.goal = np.where(np.abs(self.goal - self.here) > AHEAD, self.here, self.goal)
-        for name, there in self._others.items():
-            if abs(float(self.seen[name]) - there) > AHEAD:
-                self._others[name] = float(self.seen[name])
+    def _towards(self, goal: Array) -> Array:
+        """The next goal (m,) at limited speed."""
+        return np.clip(goal, self.goal - self._most, self.goal + self._most)
 
-    def _stream(self, goal: Array, speed: float) -> None:
+    def _check_near(self) -> None:
+        for name, goal, at in zip(self.names, self.goal, self.here, strict=True):
+            if abs(goal - at) > AHEAD:
+                raise ArmError(
+                    f"motor {name} was told to be at {goal:.0f} degrees, and is at {at:.0f}: it cannot "
+                    "hold what it bears, or was moved. Support the arm, switch it off and on, and restart"
+                )
+
+    def _stream(self, goal: Array) -> None:
         """Sends goals on the straight way, ever closer ones at both ends, and none far ahead of the arm."""
         self.doing = "streaming"
-        start, most = self.goal, speed / RATE
-        steps = math.ceil(PEAK * float(np.abs(goal - start).max()) / most)
+        start = self.goal
+        steps = math.ceil(PEAK * float(np.abs(goal - start).max()) / self._most)
         step = waited = 0
         while step < steps and waited <= STALLED_S * RATE:
             share = (step + 1) / steps
-            aimed = start + share**2 * (3 - 2 * share) * (goal - start)
+            aimed = np.clip(start + share**2 * (3 - 2 * share) * (goal - start), *self._way)
             if (np.abs(aimed - self.here) > AHEAD).any():
                 waited += 1
                 nearer = np.clip(self.goal, self.here - AHEAD, self.here + AHEAD)
-                self.tick(np.clip(nearer, self.goal - most, self.goal + most))
+                self.tick(self._towards(np.clip(nearer, *self._way)))
             else:
+                self.tick(self._towards(aimed))
+            if (self.goal == aimed).all():
                 step, waited = step + 1, 0
-                self.tick(aimed)
 
     def _settle(self) -> None:
         self.doing = "settling"
@@ -176,25 +215,29 @@ class Motors:
         self._next = max(self._next, now - 1 / RATE) + 1 / RATE
         self._sleep(max(self._next - now, 0.0))
         self._read()
+        self._left = self._at
 
     def _action(self, goal: Array) -> dict[str, float]:
-        return dict(zip(self._places, goal.tolist(), strict=True)) | self._others
+        told = np.concatenate([goal, self._others]).tolist()
+        return {f"{name}{POSITION}": at for name, at in zip(self._all, told, strict=True)}
 
     def _read(self) -> None:
         """Reads where motors stand; raises ArmError where they cannot have come there meanwhile."""
         try:
             seen = self._robot.get_observation()
+            at = np.array([seen.get(f"{name}{POSITION}") for name in self._all], float)
         except Exception as error:
             raise self._failed(error) from error
-        now, here = self.clock(), np.array([float(seen[place]) for place in self._places])
-        possible = AHEAD + PUSHED * (now - self._read_at)
-        for name, at, before in zip(self.names, here, self.here, strict=True):
-            if not abs(at - before) <= possible:
+        now = self.clock()
+        possible = np.full(len(at), math.inf)
+        possible[: len(self.names)] = AHEAD + PUSHED * (now - self._read_at)
+        for name, new, old, most in zip(self._all, at, self._at, possible, strict=True):
+            if not abs(new - old) <= most:
                 raise ArmError(
-                    f"while {self.doing}, motor {name} says that it stands at {at:g} degrees, right after "
-                    f"{before:g}: that is wrong, or its encoder has come to its end"
+                    f"while {self.doing}, motor {name} says that it stands at {new:g} degrees, right after "
+                    f"{old:g}: that is wrong, or its encoder has come to its end"
                 )
-        self.seen, self.here, self._read_at = seen, here, now
+        self.seen, self._at, self._read_at = seen, at, now
         self._note(now, seen)
 
     def _failed(self, error: Exception) -> ArmError:

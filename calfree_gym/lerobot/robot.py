@@ -127,7 +127,7 @@ class Encoder:
 
     Attributes:
         middle: Ticks of 0 degrees.
-        turn: Ticks of 360 degrees.
+        turn: Ticks of 360 degrees, as LeRobot has them: one fewer than the encoder tells.
         offset: Ticks that the motor takes from what its encoder says.
         low, high: Ticks that it cannot pass.
     """
@@ -141,6 +141,11 @@ class Encoder:
     def ticks(self, degrees: float) -> float:
         """What the motor says where it stands at so many degrees."""
         return degrees * self.turn / 360 + self.middle
+
+    def says(self, encoder: float) -> float:
+        """What it says, within a turn, where its encoder says so many ticks, a turn off at most."""
+        ticks, turn = encoder - self.offset, self.turn + 1
+        return ticks % turn if -turn <= ticks < 2 * turn else ticks
 
     def degrees(self, ticks: float) -> float:
         """Where it stands, in degrees, where it says so many ticks."""

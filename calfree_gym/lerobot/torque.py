@@ -4,6 +4,8 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+from calfree_gym.lerobot.faults import ArmError
+
 ASK = "Support the arm, for its motors lose their torque now; then press Enter: "
 
 
@@ -31,7 +33,13 @@ class Torque:
             )
 
     def release(self, confirm: Callable[[str], Any]) -> None:
-        """Disconnects the robot, without torque, once it is confirmed that somebody supports the arm."""
+        """Disconnects the robot, without torque, once it is confirmed that somebody supports the arm.
+
+        Raises:
+            ArmError: It is not connected.
+        """
+        if not self._robot.is_connected:
+            raise ArmError("the robot is not connected: only its power switch takes the torque now")
         confirm(ASK)
         self._switch_off(True)
         self._robot.disconnect()

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
+import agents
 from calfree_gym.cli import main
 from calfree_gym.cli import reach as command
 from calfree_gym.cli.drawing import MARKS, drawn, pixels
@@ -25,6 +26,7 @@ from calfree_gym.cli.standing import StandingRobot
 from calfree_gym.cli.watch import Page
 from calfree_gym.lerobot import LeRobotReachEnv
 from tests.calfree_gym.cli.bench import calfree
+from tests.calfree_gym.lerobot import fake_so101
 from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 
 ROUND = np.array([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
@@ -289,6 +291,19 @@ def test_what_cannot_be_is_refused_before_anything_moves(robot, command, said, c
     assert said in capsys.readouterr().err
     if stood is not None:
         np.testing.assert_array_equal(robot.plant.targets, stood)
+
+
+def test_from_where_no_home_can_be_the_arm_goes_to_that_of_a_file(robot, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(fake_so101, "LIMITS", (967, 3128))
+    reach = f"reach --max-motions=1 --reaches=1 --unit=20 --out={tmp_path / 'out'}"
+    env = LeRobotReachEnv(robot, ("left", "right"), unit=20)
+    env.save(agents.make("memory", env), tmp_path / "arm.calfree")
+    at = robot.bus.sync_read("Present_Position")
+    robot.send_action({f"{name}.pos": value - 14 * (name == "elbow_flex") for name, value in at.items()})
+    robot.sleep(2)
+    assert code(reach, robot) == 2
+    assert "motor elbow_flex is at" in capsys.readouterr().err
+    assert code(f"{reach} --load={tmp_path / 'arm.calfree'}", robot) == 0
 
 
 def test_agents_that_learn_by_rewards_are_refused(capsys):

@@ -317,6 +317,10 @@ class FakeSO101:
         """A motor that does not move any more, whatever it is told."""
         self.plant.jammed.add(MOTORS.index(motor))
 
+    def weaken(self, motor, degrees):
+        """A motor that sinks so far below where it is told to be."""
+        self.plant.weak[MOTORS.index(motor)] = np.radians(degrees)
+
     def free(self, motor):
         self.plant.jammed.discard(MOTORS.index(motor))
 

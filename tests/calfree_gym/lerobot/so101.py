@@ -120,6 +120,7 @@ class Plant:
         targets: Joint angles (6,) that motors were told, in rad.
         powered: Whether motors have torque.
         jammed: Motors that do not move, by their numbers.
+        weak: How far motors stay from where they were told (6,), in rad.
     """
 
     def __init__(self, tags=False):
@@ -132,7 +133,7 @@ class Plant:
         self.home = HOME * [1, 1, 1, 1, 1, not tags]
         self.data.qpos[self._at] = self.home
         self.targets, self._setpoints = self.home.copy(), self.home.copy()
-        self.powered, self.jammed = True, set()
+        self.powered, self.jammed, self.weak = True, set(), np.zeros(len(MOTORS))
         self.step(int(1 / STEP))
 
     def step(self, count=1):
@@ -142,7 +143,7 @@ class Plant:
         for _ in range(count):
             ahead = self.targets - self._setpoints
             self._setpoints += np.clip(ahead, -SPEED * STEP, SPEED * STEP)
-            self.data.ctrl[:] = self._setpoints if self.powered else self.angles
+            self.data.ctrl[:] = self._setpoints + self.weak if self.powered else self.angles
             mujoco.mj_step(self.model, self.data)
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import agents
-from calfree_gym.lerobot import ArmError, LeRobotReachEnv
+from calfree_gym.lerobot import ArmError, LeRobotReachEnv, knowledge
 from calfree_gym.lerobot.motors import AHEAD, RATE
 from calfree_gym.lerobot.robot import Encoder, check_limits
 from calfree_gym.vision import Marks, StereoTracker, TagTracker
@@ -266,6 +266,17 @@ def test_a_file_of_knowledge_that_does_not_fit_is_refused(bench, tmp_path):
         env.load(agent, tmp_path / "missing")
 
 
+@pytest.mark.parametrize(("at", "homed"), [(1000, 1100), (47, 60), (47, 4090), (4090, 30)])
+def test_home_is_the_same_place_wherever_an_encoder_wraps(tmp_path, at, homed):
+    def encoder(middle):
+        return {"pan": Encoder(2047.5, 4095, middle - 2047, 0, 4095)}
+
+    then, now = encoder(at), encoder(homed)
+    knowledge.save(tmp_path / "home", Counting(None), {"pan": then["pan"].degrees(2047)}, then, 45)
+    _, home = knowledge.load(tmp_path / "home", None, ["pan"], now, 45)
+    assert now["pan"].ticks(home[0]) == pytest.approx((at - homed + 2047) % 4096)
+
+
 def stand(robot, env):
     """Registers of where motors stand (5,)."""
     at = robot.bus.sync_read("Present_Position", MOTORS[:5])
@@ -345,6 +356,15 @@ def test_torque_stays_on_where_an_environment_is_closed_or_forgotten(tmp_path):
     del env, robot
     gc.collect()
     assert power.read_text() == "on"
+
+
+def test_what_is_closed_releases_no_more():
+    env = LeRobotReachEnv(FakeSO101(), ("left", "right"))
+    env.close()
+    asked = []
+    with pytest.raises(ArmError, match="not connected: only its power switch"):
+        env.release(asked.append)
+    assert not asked
 
 
 def test_a_robot_that_was_connected_stays_so():

@@ -247,6 +247,117 @@ def test_where_the_arm_fell_without_power_it_goes_home_slowly_from_there(ready):
     assert not observation["observation"][4:].any()
 
 
+@pytest.mark.parametrize("share", [0.5, 0.35])
+def test_a_soft_arm_goes_home_and_is_told_from_a_jammed_one(bench, share):
+    robot = FakeSO101()
+    robot.plant.model.actuator_gainprm[:, 0] *= share
+    robot.plant.model.actuator_biasprm[:, 1] *= share
+    robot.sleep(2)
+    env = bench(robot=robot).env
+    env.reset()
+    assert np.abs(robot.goals_ahead()[:5]).max() > 2, "it is soft"
+    there_and_back(env, 4)
+    np.testing.assert_allclose(env.registers, 0, atol=1e-6)
+    jammed(robot)
+    assert abs(env.step(WORDS)[0]["observation"][6]) < 0.1
+
+
+@pytest.fixture
+def sent(ready, monkeypatch):
+    """Goals (n, 6) in degrees, also those that tell the arm to hold."""
+    goals, send = [], ready.robot.send_action
+    monkeypatch.setattr(
+        ready.robot, "send_action", lambda action: (goals.append([*action.values()]), send(action))
+    )
+    return goals
+
+
+def all_goals_were_near(env, sent):
+    assert np.abs(np.array(sent)[:, :5] - env.home).max() <= env.unit + 1e-9
+    assert np.abs(np.diff(sent, axis=0)).max() <= 60 / RATE + 1e-9
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("degrees", [5, 9, 15, -20])
+def test_an_arm_that_cannot_hold_its_weight_is_not_followed_down(ready, sent, moment, degrees):
+    robot, env = ready.robot, ready.env
+    env.step(WORDS)
+    ready.then(moment, lambda: robot.weaken("elbow_flex", degrees))
+    with pytest.raises(ArmError, match=r"motor elbow_flex (stays back|was told to be at)"):
+        there_and_back(env, 5, -WORDS)
+    goals = []
+    for _ in range(3):
+        with pytest.raises(ArmError, match=r"motor elbow_flex (stays back|was told to be at)"):
+            env.reset()
+        goals.append(sent[-1][2])
+    assert np.abs(goals - env.home[2]).max() < 10, "where it was told to be before"
+    assert np.ptp(goals) < 0.5
+    all_goals_were_near(env, sent)
+    robot.weaken("elbow_flex", 0)
+    robot.sleep(1.0)
+    env.reset()
+
+
+def test_an_arm_that_sank_unseen_is_followed_once(ready, sent):
+    ready.robot.weaken("elbow_flex", 12)
+    ready.robot.sleep(1.0)
+    for _ in range(3):
+        with pytest.raises(ArmError, match="motor elbow_flex was told to be at"):
+            ready.env.reset()
+    off = np.array(sent)[:, 2] - ready.env.home[2]
+    assert 8 < off[-1] < 16
+    assert np.abs(np.diff(sent, axis=0)).max(1).astype(bool).sum() <= 1
+
+
+def test_at_ctrl_c_a_motor_that_is_stopped_yields_at_the_speed_of_its_motion(ready, sent):
+    ready.robot.jam("shoulder_pan")
+    ticks = iter(range(100))
+    ready.env._motors._on_tick = lambda *_: next(ticks) < 20 or interrupted(None)
+    with pytest.raises(KeyboardInterrupt):
+        ready.env.step(np.array([0.5, 0, 0, 0, 0]))
+    assert max(np.array(sent)[:, 0]) - sent[-1][0] > 60 / RATE
+    assert abs(ready.robot.goals_ahead()[0]) < 1
+    all_goals_were_near(ready.env, sent)
+
+
+def test_goals_catch_up_at_limited_speed_with_a_motor_that_was_weak_for_a_moment(ready, sent):
+    robot, ticks = ready.robot, iter(range(1000))
+    weak = dict.fromkeys((12, 13, 14), -15 * robot.world.signs[0])
+    ready.env._motors._on_tick = lambda *_: robot.weaken("shoulder_pan", weak.get(next(ticks), 0))
+    ready.env.step(np.array([0.7, 0, 0, 0, 0]))
+    all_goals_were_near(ready.env, sent)
+    assert sent[-1][0] - ready.env.home[0] == pytest.approx(0.7 * 45)
+
+
+def test_a_wrong_reading_right_before_ctrl_c_moves_nothing_away(ready, sent, monkeypatch):
+    robot, read = ready.robot, ready.robot.get_observation
+    ready.env.step(WORDS)
+
+    def misread():
+        seen = read()
+        return seen | {"elbow_flex.pos": seen["elbow_flex.pos"] - 20}
+
+    def happens():
+        monkeypatch.setattr(robot, "get_observation", misread)
+        ready.then("streaming", lambda: interrupted(robot))
+
+    ready.then("streaming", happens)
+    with pytest.raises(KeyboardInterrupt):
+        ready.env.step(-WORDS)
+    all_goals_were_near(ready.env, sent)
+    assert min(np.array(sent)[:, 2] - ready.env.home[2]) >= 45 * WORDS[2] - 0.1
+
+
+def test_power_that_was_off_while_the_object_was_placed_is_noticed(ready):
+    robot, env = ready.robot, ready.env
+    robot.plant.powered = False
+    robot.sleep(3.0)
+    robot.plant.powered = True
+    ready.actions.clear()
+    env.reset()
+    assert steps(ready.actions).max() <= SLOWLY * 60 / RATE + 1e-9
+
+
 def test_a_motor_that_rests_is_not_lowered_where_it_only_sags(ready, monkeypatch):
     robot, read = ready.robot, ready.robot.get_observation
 
@@ -271,6 +382,41 @@ def test_an_arm_that_was_kept_from_home_on_its_way_is_not_taken_to_be_there(benc
     each.env.reset()
     pan = robot.bus.degrees({"shoulder_pan": robot.bus.ticks()[0]})["shoulder_pan"]
     assert pan == pytest.approx(home["shoulder_pan"] + 25, abs=2)
+
+
+def test_after_an_error_nothing_is_remembered_of_pictures(ready):
+    robot, env = ready.robot, ready.env
+    env.reset()
+    robot.swapped = True
+    with pytest.raises(ArmError, match="have they changed places"):
+        there_and_back(env, 4)
+    env.reset()
+    assert env.step(WORDS)[0]["observation"][:4].all()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "said"),
+    [
+        ("elbow_flex.pos", None, "motor elbow_flex says that it stands at nan"),
+        ("gripper.pos", None, "motor gripper says that it stands at nan"),
+        ("elbow_flex.pos", "far", "could not convert string to float: 'far'"),
+        ("right", None, "camera right has given no picture"),
+    ],
+)
+def test_a_part_that_tells_nothing_is_named(ready, monkeypatch, part, value, said):
+    read = ready.robot.get_observation
+    monkeypatch.setattr(ready.robot, "get_observation", lambda: read() | {part: value})
+    with pytest.raises(ArmError, match=said):
+        ready.env.step(WORDS)
+
+
+def test_a_camera_that_is_missing_is_named(ready, monkeypatch):
+    read = ready.robot.get_observation
+    monkeypatch.setattr(
+        ready.robot, "get_observation", lambda: {k: v for k, v in read().items() if k != "right"}
+    )
+    with pytest.raises(ArmError, match="camera right has given no picture"):
+        ready.env.step(WORDS)
 
 
 def test_a_motor_that_does_not_go_home_is_told(ready):
