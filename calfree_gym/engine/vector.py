@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space, iterate
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Events, RowState
@@ -216,7 +216,7 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         observation, _, success = self.arms.outcome()
         seconds = np.where(over, 0.0, final_infos["robot_seconds"])
         infos = self._infos(success, seconds, applied, self.arms.events())
-        return observation, infos | final_of_rows(self.observation_space, final, final_infos, over)
+        return observation, infos | final_of_rows(final, final_infos, over)
 
     def render(self) -> Any:
         """One frame a row, as `StereoArmEnv.render`; None without a render mode.
@@ -307,13 +307,10 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         self._close()
 
 
-def final_of_rows(
-    space: gym.Space[Any], observation: Observation, infos: dict[str, Any], over: Flags
-) -> dict[str, Any]:
+def final_of_rows(observation: Observation, infos: dict[str, Any], over: Flags) -> dict[str, Any]:
     """What infos tell of trials that are over, in the form of Gymnasium's own vector environments.
 
     Args:
-        space: Of observations of N rows.
         observation: Of all rows, before the next trials.
         infos: Of all rows, then.
         over: Whose trials (N,) are over.
@@ -322,9 +319,8 @@ def final_of_rows(
         `final_obs` is an array (N,) of objects: the row's last observation, or None.
     """
     final = np.full(len(over), None)
-    for row, of_row in enumerate(iterate(space, observation)):
-        if over[row]:
-            final[row] = of_row
+    for row in np.flatnonzero(over).tolist():
+        final[row] = {name: of_rows[row] for name, of_rows in observation.items()}
     return {"final_obs": final, "_final_obs": over, "final_info": infos, "_final_info": over}
 
 

@@ -234,7 +234,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
                 self.records.append(replace(meter.record(), trial=self.trials))
                 self._on_trial(self.records[-1])
         if over.any():
-            final = final_of_rows(self.observation_space, observation, infos, over)
+            final = final_of_rows(observation, infos, over)
             observation, infos = self.env.reset(options={"reset_mask": over})
             for begun in np.flatnonzero(over).tolist():
                 self._meters[begun] = self._meter(begun, infos)
