@@ -119,7 +119,11 @@ class Reach:
     """Motors that it takes to bring the gripper anywhere; more may leave it there. Derived: space has so many
     dimensions."""
     ASIDE, OTHERS = 0.5, 100
-    """Other ways to be there are so far aside (standard deviation, in registers), and so many. Choice."""
+    """Other ways to be there are at most so far aside (standard deviation, in registers); so many are tried.
+    Choice."""
+    SURELY = 0.5
+    """They must have this share of the best one's margin (see `_in_view`), or more where motions have become
+    shorter. Choice: with less, fewer reach where nearly all ways hide a point."""
 
     def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
         self.now = first
@@ -243,18 +247,26 @@ class Reach:
         """These registers (m,); where they may hide a point, others that leave the distance as it is.
 
         They may, where they are nearer to where a point was hidden in this trial than to where all were seen.
-        No more motors than it takes leave no other ones.
+        Of others that are far from the former and near the latter (the margin), those are taken where least
+        of the distance is expected. No more motors than it takes leave no other ones.
         """
         shown = np.array([look.visible.all() for look in self._trusted])
         if len(registers) <= self.SPACE or shown.all() or not shown.any():
             return registers
         ways = np.linalg.svd(self.points.at(registers).distance_jacobian)[2][self.SPACE :]
-        aside = self.ASIDE * self._random.normal(size=(self.OTHERS, len(registers))) @ ways.T @ ways
+        aside = self._random.normal(size=(self.OTHERS, len(registers))) @ ways.T @ ways
+        aside *= self._random.uniform(0, self.ASIDE, (self.OTHERS, 1))
         places = np.clip(np.vstack([registers, registers + aside]), self.stops.lowest, self.stops.highest)
         been = np.array([look.registers for look in self._trusted])
         far = np.linalg.norm(places[:, None] - been, axis=2)
         margins = rounded(far[:, ~shown].min(1) - far[:, shown].min(1))
-        return registers if margins[0] >= 0 else np.asarray(places[margins.argmax()])
+        if margins[0] >= 0:
+            return registers
+        apart = self.points.at(places).apart
+        squares = np.square(apart.points).sum((1, 2)) + 2 * apart.variances.sum(1)
+        least = max(1 - self._share, self.SURELY) * margins.max()
+        surely = margins >= min(least, margins.max())
+        return np.asarray(places[np.where(surely, rounded(squares), np.inf).argmin()])
 
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance.

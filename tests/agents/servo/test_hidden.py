@@ -1,5 +1,6 @@
 """Servos whose points are hidden by the arm, or by what stands in the way."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -7,7 +8,9 @@ import agents
 from agents.base.observation import Observation
 from agents.servo.image_model.least_distance import Seeker
 from agents.servo.image_model.smooth_points import SmoothPoints
+from calfree_gym import Arm
 from tests.agents.trials import motions_of
+from tests.arms.own import ARMS
 
 
 def reach(env, observation):
@@ -21,6 +24,15 @@ def test_hidden_points_cost_few_motions(mount, make_env):
     reached, motions = zip(*(reach(env, env.reset(seed=seed)[0]) for seed in range(5000, 5012)), strict=True)
     assert all(reached)
     assert np.mean(motions) < 11
+
+
+def test_an_arm_of_six_motors_goes_past_what_hides_its_points():
+    reached = []
+    for seed in range(5000, 5016):
+        arguments = {"arm": Arm(**ARMS["torque"]), "world": "wild", "max_episode_steps": 40}
+        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", occlusion=True, **arguments)
+        reached.append(reach(env, env.reset(seed=seed)[0])[0])
+    assert np.mean(reached) > 0.5
 
 
 def test_an_object_that_one_camera_does_not_see_from_home_is_not_waited_for(make_env):
