@@ -74,6 +74,18 @@ class FinishedSuite:
         """In how many worlds, the first ones of the suite's, each agent of a part is, by its label."""
         return {agent.label: self.suite.worlds_of(agent, part) for agent in self.suite.agents_in(part)}
 
+    def compared(self, part: ScenarioConfig) -> str:
+        """In brackets, whether all agents met the same in each world of a scenario, where runs tell."""
+        met: dict[int, dict[str, str]] = {}
+        for run in self.runs:
+            where, found = run.where, self.outcomes.get(run.id, {}).get("met")
+            if where["scenario"] == part.name and found:
+                met.setdefault(where["world"], {})[where["agent"]] = found
+        other = [str(world) for world, found in sorted(met.items()) if len({*found.values()}) > 1]
+        if other:
+            return f" (but not in worlds {', '.join(other)}: what was drawn differs there)"
+        return " (what was drawn for them is equal)" if any(len(found) > 1 for found in met.values()) else ""
+
     def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
         """In how many worlds that agent of a part is that is in the fewest."""
         return min(self.worlds_in(part).values())
@@ -107,7 +119,7 @@ def about(finished: FinishedSuite, scenario: ScenarioConfig) -> str:
     return (
         f"{about_environment(scenario.env)}; at most {scenario.env.max_episode_steps} motions a trial, "
         f"{_span(lives)} {of} a life, {_span(worlds)} world{'s' * (max(worlds) > 1)}, the same ones for "
-        f"every agent.{changes}{few_worlds(finished, scenario)}"
+        f"every agent{finished.compared(scenario)}.{changes}{few_worlds(finished, scenario)}"
     )
 
 

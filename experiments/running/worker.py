@@ -1,5 +1,7 @@
 """The process that makes runs, each in a copy of itself: `python -m experiments.running.worker`."""
 
+import hashlib
+import json
 import os
 import sys
 import threading
@@ -13,6 +15,7 @@ from typing import Any
 import gymnasium
 
 import agents
+from calfree_gym import World
 from calfree_gym.perturbations import parse_schedule
 from experiments.config.requirements import requirements
 from experiments.evaluation import TrialRecord, evaluate
@@ -44,6 +47,7 @@ def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[
         scenario, said = run.scenario, time.monotonic()
         privileged, settings, rows, known = requirements(run.agent, scenario.env)
         recorder: Any = _recorder(run, privileged, rows, log_trial)
+        world = recorder.world
         times.watch(recorder, "environment", "reset", "step")
         agent = agents.make(run.agent.name, recorder, seed=run.agent_seed, **settings)
         checkpoints = Checkpoints(run, agent, rows, recorder, log, curves, times) if run.evaluation else None
@@ -67,8 +71,20 @@ def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[
         "privileged": list(privileged),
         "prior_knowledge": list(known),
         "perturbations": recorder.perturbations,
+        "met": _met(run, world, [drawn for *_, drawn in recorder.perturbations]),
     }
     return outcome, recorder.motions
+
+
+def _met(run: LifetimeRun, world: World, drawn: list[dict[str, Any]]) -> str:
+    """A digest of the world in which a life began, and of what changes it met, where each comes once.
+
+    Whoever is compared must have met the same. Numbers count to nine digits, whichever machine drew them.
+    """
+    once = not any(event.every for event in parse_schedule(list(run.scenario.perturbations)))
+    told = json.dumps([world.to_dict(), sorted(drawn, key=json.dumps) if once else []])
+    rounded = json.loads(told, parse_float=lambda number: float(f"{float(number):.9g}"))
+    return hashlib.sha256(json.dumps(rounded).encode()).hexdigest()[:12]
 
 
 def _recorder(

@@ -39,12 +39,12 @@ def test_rows_meet_the_worlds_and_perturbations_of_a_servo(suite_data, tmp_path,
         assert [row["trial"] for row in train] == list(range(len(train)))
         assert len(train) >= 2
         applied = [what for _, _, what in outcome["perturbations"]]
-        seen.setdefault(spec.world, []).append((recorders[-1].worlds, applied))
+        seen.setdefault(spec.world, []).append((recorders[-1].worlds, applied, outcome["met"]))
         assert max(row["lifetime_motions"] for row in rows) == 88
     for ppo, servo in seen.values():
         assert ppo == servo
         assert len(ppo[0]) == 2
-    assert seen[0] != seen[1]
+    assert seen[0][0][2] != seen[1][0][2]
 
 
 def test_every_row_is_in_the_same_world_with_an_object_of_its_own():
