@@ -104,8 +104,12 @@ def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> 
 
 def few_worlds(finished: FinishedSuite, part: ScenarioConfig | SweepConfig) -> str:
     """What fewer worlds than are enough do not show."""
-    if (fewest := finished.fewest_worlds(part)) >= ENOUGH_WORLDS:
-        return ""
+    worlds = finished.worlds_in(part)
+    few = [label for label in worlds if worlds[label] < ENOUGH_WORLDS]
+    if len(few) < len(worlds):
+        than = f"in fewer than {ENOUGH_WORLDS} worlds: no intervals, and not ranked"
+        return f" {', '.join(few)} {'is' if len(few) == 1 else 'are'} {than}." if few else ""
+    fewest = finished.fewest_worlds(part)
     return f" {counted(fewest, 'world')}, fewer than {ENOUGH_WORLDS}: no intervals, and nobody is ranked."
 
 

@@ -130,7 +130,9 @@ def test_few_worlds_rank_nobody(finished):
 
 def test_who_is_in_few_worlds_is_not_ranked_beside_the_others(finished):
     few = ["unified_servo", {"name": "memory", "worlds": 8}, "paper_servo"]
-    said = " ".join(sentences(*both(finished(*five(), agents=few))))
+    of = finished(*five(), agents=few)
+    assert few_worlds(of, of.head_part) == " memory is in fewer than 20 worlds: no intervals, and not ranked."
+    said = " ".join(sentences(*both(of)))
     assert f"{WORDS['unified_servo']} needs the fewest motions per reach" in said
     assert WORDS["memory"] not in said
 
