@@ -146,7 +146,15 @@ def test_words_are_checked_before_anything_moves(words):
     assert len(arm.sent) == before
 
 
-def test_ctrl_c_comes_through_to_who_places_the_object():
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C is heard, also in jobs in the background, which ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_comes_through_to_who_places_the_object(ctrl_c):
     arm, env = made()
     arm.gives["place_object"] = lambda: signal.raise_signal(signal.SIGINT) or time.sleep(5)
     began = time.monotonic()
