@@ -200,7 +200,8 @@ class Reach:
         """Counts motions that came hardly nearer than one before.
 
         Those that were to come near count twice; probes, which were not to come nearer, as one test motion
-        does among those of all motors.
+        does among those of all motors. Where places are remembered, which spare a trial its probes, as many
+        as a beginning takes (test motions of all motors, and a step) count `PATIENCE`.
         """
         there_px = Gating.AGREE * np.sqrt(2) * self.filter.noise.px
         if self.now.distance_px < max(HARDLY_NEARER * self._nearest_px, there_px):
@@ -208,7 +209,9 @@ class Reach:
         elif expected_px < HARDLY_NEARER * self._nearest_px:
             self.in_vain += 2 if expected_px < LEFT * self._nearest_px else 1
         else:
-            self.in_vain += 1 / len(self.now.registers)
+            motors = len(self.now.registers)
+            remembers = self.points.remembers
+            self.in_vain += self._servo.PATIENCE / (motors + 1) if remembers else 1 / motors
 
     def _note_seen(self) -> None:
         """Remembers where all points were seen that ever were in this trial."""
