@@ -192,11 +192,11 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         ) & ~over
         self._over = terminated | truncated
         self._applied = applied
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
-            final_infos = self._infos(success, seconds, applied, events, self._over.copy())
-            observation, infos = self._begin_at_once(observation, final_infos)
-        else:
-            infos = self._infos(success, seconds, applied, events)
+        at_once = self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any()
+        told = self._over.copy() if at_once else None
+        infos = self._infos(success, seconds, applied, events, told)
+        if told is not None:
+            observation, infos = self._begin_at_once(observation, infos, told)
         self._show()
         return observation, rewards, terminated, truncated, infos
 
@@ -205,10 +205,9 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         return self.arms.begin_trial(rows, objects)
 
     def _begin_at_once(
-        self, final: Observation, final_infos: dict[str, Any]
+        self, final: Observation, final_infos: dict[str, Any], over: Flags
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins the next trials of the rows that are over; their last observations go into infos."""
-        over = self._over.copy()
         begun = self._begin(np.flatnonzero(over))
         applied = [each for each in self._applied if not over[each[0]]] + begun
         self._applied = [*self._applied, *begun]

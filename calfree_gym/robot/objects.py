@@ -169,17 +169,16 @@ class ObjectDraws(OfWorlds):
                 open_, draws = open_[~found], draws[~found, part:]
             if not (open_ < needed).any():
                 return objects, drawn_at, open_
-        hidden = "" if self._lines is None else ", and hidden by nothing (as images and occlusion=True need)"
-        look = (
-            "its world" if self._lines is None else "its world, and by check-arm if the arm hides its gripper"
-        )
+        hidden = ""
+        if self._lines is not None:
+            hidden = ", and hidden by nothing (as images and occlusion=True need; by the arm: see check-arm)"
         hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
         apart_px = self._apart[rows[open_[0]], 0] / IMAGE_UNIT
         raise ValueError(
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
             f"cameras{hidden}, and seen more than {apart_px:.0f} px from the "
             "gripper at home (the tolerance, and what noise may add to it), in row "
-            f"{rows[open_[0]]}, trial {trials[open_[0]]}: see {look}"
+            f"{rows[open_[0]]}, trial {trials[open_[0]]}: see its world"
         )
 
     def exists(self, row: int) -> bool:

@@ -294,14 +294,13 @@ def lines_of(agents: Sequence[AgentConfig]) -> dict[str, dict[str, Any]]:
     free = [hue for hue in _OTHERS if hue not in own]
     of_kind = Counter(hue for agent, hue in zip(agents, own, strict=True) if agent.label != agent.name)
     variants = Counter[str]()
-    for agent in agents:
-        line: dict[str, Any] = {"color": colour(agent.label, agent.name), "linestyle": "-"}
+    for agent, base in zip(agents, own, strict=True):
+        line: dict[str, Any] = {"color": base, "linestyle": "-"}
         if agent.label == agent.name:
             line["linestyle"] = _KNOWN[agent.name].dash if agent.name in _KNOWN else "-"
-        elif of_kind[line["color"]] > 2 and free:
+        elif of_kind[base] > 2 and free:
             line["color"] = free.pop(0)
         else:
-            base = line["color"]
             shade, line["linestyle"] = _OF_VARIANTS[variants[base] % len(_OF_VARIANTS)]
             line["color"] = _towards(base, shade)
             variants[base] += 1

@@ -27,3 +27,13 @@ MOTORS = {
     "names": ("left.arm/waist [0]", "Schulter & Gelenk=2", '肘, "elbow": #3'),
 }
 """The joints of each from its base to its gripper."""
+
+
+def three_hinges(degrees, tip):
+    """MJCF of three links, each of which turns so far either way; `tip` is so far (m) up the last."""
+    inner = f'<site name="tip" pos="0 0 {tip}"/>'
+    for name, axis in (("bend", "0 1 0"), ("lift", "0 1 0"), ("turn", "0 0 1")):
+        joint = f'<joint name="{name}" axis="{axis}" range="{-degrees} {degrees}"/>'
+        geom = '<geom type="capsule" fromto="0 0 0 0 0 .15" size=".02"/>'
+        inner = f'<body pos="0 0 .15">{joint}{geom}{inner}</body>'
+    return f"<mujoco><worldbody>{inner}</worldbody></mujoco>"

@@ -9,7 +9,7 @@ import pytest
 from calfree_gym import Arm
 from experiments.__main__ import main
 from experiments.arm_check import ArmCheck
-from tests.arms.own import ARMS, MOTORS
+from tests.arms.own import ARMS, MOTORS, three_hinges
 
 HOBBY = str(ARMS["hobby"]["model"])
 TIP = [HOBBY, "--gripper", "tip"]
@@ -60,13 +60,7 @@ def test_the_work_space_lies_where_mujoco_puts_the_gripper():
 
 @pytest.mark.parametrize(("before_the_last_link", "found"), [(0.0, "hidden"), (0.05, "seen")])
 def test_an_object_that_the_last_link_hides_is_told(before_the_last_link, found):
-    inner = f'<site name="tip" pos="0 0 {0.15 + before_the_last_link}"/>'
-    for name, axis in (("bend", "0 1 0"), ("lift", "0 1 0"), ("turn", "0 0 1")):
-        joint = f'<joint name="{name}" axis="{axis}" range="-120 120"/>'
-        inner = f'{joint}<geom type="capsule" fromto="0 0 0 0 0 .15" size=".02"/>{inner}'
-        inner = f'<body pos="0 0 .15">{inner}</body>'
-    model = f"<mujoco><worldbody>{inner}</worldbody></mujoco>"
-    check = ArmCheck(Arm(model, "tip"), "waist")
+    check = ArmCheck(Arm(three_hinges(120, 0.15 + before_the_last_link), "tip"), "waist")
     cameras = check._views().frame.set_index("both cameras")
     assert cameras.loc["nominal: object where the gripper is", "found"] == found
 

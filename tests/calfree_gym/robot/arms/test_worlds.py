@@ -13,7 +13,7 @@ from calfree_gym.robot.workspace import in_view, least_in_view
 from calfree_gym.vision.cameras import StereoCameras
 from tests.arms.every import EVERY, arm_named, moved_by, rows_of, three_mounts
 from tests.arms.fetched import FETCHED
-from tests.arms.own import ARMS
+from tests.arms.own import ARMS, three_hinges
 from tests.calfree_gym.environments import begun, make
 
 WORLDS = 4
@@ -41,13 +41,13 @@ def test_every_kind_of_world_is_in_view_and_its_objects_are_reachable(name, kind
 
 @pytest.mark.parametrize("degrees", [0.5, 1, 30])
 def test_objects_are_where_motors_come_also_where_hinges_hardly_turn(degrees):
-    inner = '<site name="tip" pos="0 0 .2"/>'
-    for name, axis in (("bend", "0 1 0"), ("lift", "0 1 0"), ("turn", "0 0 1")):
-        joint = f'<joint name="{name}" axis="{axis}" range="{-degrees} {degrees}"/>'
-        geom = '<geom type="capsule" fromto="0 0 0 0 0 .15" size=".02"/>'
-        inner = f'<body pos="0 0 .15">{joint}{geom}{inner}</body>'
-    arm = Arm(f"<mujoco><worldbody>{inner}</worldbody></mujoco>", "tip")
-    env = rows_of(arm, 8, dynamics="kinematic", world="wild", tell=("object_registers",))
+    env = rows_of(
+        Arm(three_hinges(degrees, 0.2), "tip"),
+        8,
+        dynamics="kinematic",
+        world="wild",
+        tell=("object_registers",),
+    )
     observation, _ = env.reset(seed=0)
     *_, infos = env.step(observation["object_registers"].astype(np.float32))
     assert infos["truth"]["error_px"].max() < 0.01
