@@ -227,5 +227,6 @@ def numbers(what: str, found: Any, count: int, most: float = math.inf) -> Array:
         values = np.array(None)
     right = values.dtype.kind in "fiu" and values.shape == (count,) and np.isfinite(values).all()
     if not right or np.abs(values).max() > most:
-        raise ValueError(f"{what} {found!r:.200}; allowed: {count} finite numbers within -1 to 1")
+        within = "" if math.isinf(most) else f" within {-most:g} to {most:g}"
+        raise ValueError(f"{what} {found!r:.200}; allowed: {count} finite numbers{within}")
     return values.astype(float)

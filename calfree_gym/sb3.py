@@ -68,7 +68,8 @@ def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
 
     Raises:
         ImportError: stable-baselines3 is not installed.
-        ValueError: Its next trials do not begin at once, or it is a list of single environments.
+        ValueError: Its next trials do not begin at once, it is not CalFree's own, or its observations are
+            wrapped.
     """
     try:
         from stable_baselines3.common.vec_env import VecMonitor

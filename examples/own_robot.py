@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from calfree_gym.errors import check_positive
+from calfree_gym.errors import check_positive, check_whole
 from calfree_gym.image import CAMERAS
 from calfree_gym.picture_reach import Array, PairTracker, PictureReach, numbers
 from calfree_gym.vision import Marks
@@ -93,6 +93,8 @@ class OwnRobot(PictureReach):
     ) -> None:
         check_positive("greatest_motion", greatest_motion, 1)
         check_positive("patience", patience, 1e6)
+        check_whole("motors", motors, 1, 100)
+        check_whole("most_motions", most_motions, 1, 10**6)
         super().__init__(motors, marks, tolerance_px, most_motions)
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
         self._greatest_motion, self._patience = greatest_motion, patience
@@ -180,8 +182,8 @@ class OwnRobot(PictureReach):
         try:
             return result.result(patience)
         except TimeoutError:
-            if result.done():  # its own
-                raise
+            if result.done():  # it has ended meanwhile, or raised it
+                return result.result()
             self._hangs = getattr(function, "__name__", repr(function))
             raise TimeoutError(f"{self._hangs} has not ended after {patience:g} s (patience)") from None
 

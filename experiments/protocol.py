@@ -125,8 +125,11 @@ def run(
     """
     for what, number, least in (("motions", motions, 0), ("after", after, 0), ("rows", rows, 1)):
         check_number(what, number, least=least, whole=True)
+    seeds = tuple(np.ravel(np.asarray(seeds)).tolist())
     if not seeds:
         raise ValueError("found no seeds; allowed: one or more, such as TEST_SEEDS")
+    for seed in seeds:
+        check_number("a seed", seed, least=0, whole=True)
     lives = []
     for number, seed in enumerate(seeds, 1):
         lives.append(_life(make_agent, motions, after, rows, seed, wrap))
@@ -134,7 +137,7 @@ def run(
         print(f"world {number} of {len(seeds)}: motions per reach {shown}", flush=True)
     made, scores = zip(*lives, strict=True)
     motions_per_reach, reached = np.transpose(scores, (1, 0, 2))
-    return Outcome(name, tuple(seeds), max(made), motions_per_reach, reached)
+    return Outcome(name, seeds, max(made), motions_per_reach, reached)
 
 
 def worlds_of(seed: int) -> tuple[World, World]:

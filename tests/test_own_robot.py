@@ -78,7 +78,7 @@ def test_it_is_an_environment():
     check_env(made()[1], skip_render_check=True)
 
 
-FIVE = "allowed: 5 finite numbers within -1 to 1"
+FIVE = "allowed: 5 finite numbers within -1.1 to 1.1"
 PICTURES = "allowed: two RGB images, arrays (h, w, 3) of uint8"
 
 
@@ -141,7 +141,7 @@ def test_words_are_checked_before_anything_moves(words):
         env.step(np.zeros(5))
     env.reset()
     before = len(arm.sent)
-    with pytest.raises(ValueError, match=f"the action holds .*{re.escape(FIVE)}"):
+    with pytest.raises(ValueError, match=r"the action holds .*allowed: 5 finite numbers$"):
         env.step(words)
     assert len(arm.sent) == before
 
@@ -233,6 +233,13 @@ def test_a_mark_may_be_hidden_elsewhere_but_not_where_it_was_seen():
 def test_a_greatest_motion_that_is_none_is_refused(wrong):
     with pytest.raises(ValueError, match=f"greatest_motion is {wrong!r}; it must be a number above 0"):
         made(greatest_motion=wrong)
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("motors", 0), ("motors", 2.5), ("most_motions", 0)])
+def test_a_count_that_is_none_is_refused(name, wrong):
+    functions = dict.fromkeys(("go_to", "take_pictures", "place_object"), print)
+    with pytest.raises(ValueError, match=f"{name} is {wrong}; it must be a whole number"):
+        own_robot.OwnRobot(**{"motors": 5, **functions, name: wrong})
 
 
 @pytest.mark.parametrize("size", [0.1, 0.5])

@@ -24,15 +24,18 @@ class StereoArmVecEnv(VecEnv):
         envs: A batched environment that begins next trials in the step that ends one (SAME_STEP).
 
     Raises:
-        ValueError: It begins them otherwise, or is a list of single environments.
+        ValueError: It begins them otherwise, is not CalFree's own, or its observations are wrapped.
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        if not isinstance(envs.unwrapped, ArmVectorEnv):
+        bare: Any = getattr(envs, "unwrapped", envs)
+        if not isinstance(bare, ArmVectorEnv):
             raise ValueError(
-                f"the batched environment is a {type(envs.unwrapped).__name__}; it must be CalFree's own, as "
+                f"the batched environment is a {type(bare).__name__}; it must be CalFree's own, as "
                 "make_vec makes it without vectorization_mode. Single environments go into a DummyVecEnv"
             )
+        if envs.single_observation_space != bare.single_observation_space:
+            raise ValueError("observations are wrapped; wrap them by a VecEnvWrapper of stable-baselines3's")
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"the batched environment's autoreset_mode is {mode}; it must be SAME_STEP")

@@ -177,6 +177,7 @@ class LeRobotReachEnv(PictureReach):
             self._go_home()
             for _ in range(PATIENCE):
                 self._place_object()
+                self._go_home()  # motors may have been without power meanwhile
                 for _ in range(PATIENCE):
                     first = self._first_look()
                     if not (wrong := "; ".join(self._wrong().values())):

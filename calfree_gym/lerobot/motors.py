@@ -18,8 +18,9 @@ from calfree_gym.picture_reach import Array
 
 Tick = Callable[[dict[str, Any], dict[str, float]], Any]
 """Gets what was observed, and the action that was sent upon it."""
-RATE = 20.0
-"""Goals a second. Choice: half of what a bus and two cameras allow."""
+RATE, JITTER_S = 20.0, 0.005
+"""Goals a second, and by how much one may come early, in seconds. Choice: half of what a bus and two cameras
+allow."""
 AHEAD = 8.0
 """Degrees that a goal is ahead of its motor at most; where it would be more for `STALLED_S` seconds, the arm
 has met something. Measured: an STS3215 is 2 to 3 degrees short under load; late, at 60 degrees/s, as much."""
@@ -69,7 +70,7 @@ class Motors:
         self._sleep: Callable[[float], None] = getattr(robot, "sleep", time.sleep)
         self._robot, self._note, self._on_tick = robot, note, on_tick
         self._usual = [deque[float](maxlen=REMEMBERED) for _ in self.names]
-        self._next = self._read_at = -math.inf
+        self._next = self._sent_at = self._read_at = -math.inf
         self._all = [*self.names, *(name for name in robot_motors(robot) if name not in self.names)]
         self._at = np.full(len(self._all), math.inf)
         self._read()
@@ -127,8 +128,8 @@ class Motors:
         if not moved.any():
             return False
         goal, self._others = np.split(np.where(moved, self._at, told), [len(self.names)])
-        self._way = goal, goal
         self.tick(goal)
+        self._way = goal, goal
         self._settle()
         self._check_near()
         return True
@@ -136,11 +137,12 @@ class Motors:
     def hold(self) -> None:
         """Goals of motors that something stops come to where these stand; others stay. Nothing is read."""
         yielding = self._yielding
-        with suppress(Exception):  # whatever the bus says: without a new goal motors keep their last one
-            while (self.goal != yielding).any():
-                self.goal = self._towards(yielding)
-                self._robot.send_action(self._action(self.goal))
-                self._sleep(1 / RATE)
+        try:
+            with suppress(Exception):  # whatever the bus says: without a new goal motors keep their last one
+                while (self.goal != yielding).any():
+                    self._send(self._towards(yielding))
+        finally:
+            self._way = self.goal, self.goal
 
     @property
     def here(self) -> Array:
@@ -179,12 +181,9 @@ class Motors:
         while step < steps and waited <= STALLED_S * RATE:
             share = (step + 1) / steps
             aimed = np.clip(start + share**2 * (3 - 2 * share) * (goal - start), *self._way)
-            if (np.abs(aimed - self.here) > AHEAD).any():
-                waited += 1
-                nearer = np.clip(self.goal, self.here - AHEAD, self.here + AHEAD)
-                self.tick(self._towards(np.clip(nearer, *self._way)))
-            else:
-                self.tick(self._towards(aimed))
+            near = np.clip(aimed, self.here - AHEAD, self.here + AHEAD)
+            waited += int((near != aimed).any())
+            self.tick(self._towards(np.clip(near, *self._way)))
             if (self.goal == aimed).all():
                 step, waited = step + 1, 0
 
@@ -203,12 +202,10 @@ class Motors:
         Raises:
             ArmError: The robot does not answer, or the note that is taken says what is wrong.
         """
-        action = self._action(goal)
         try:
-            self._robot.send_action(action)
+            action = self._send(goal)
         except Exception as error:
             raise self._failed(error) from error
-        self.goal = goal
         if self._on_tick is not None:
             self._on_tick(self.seen, action)
         now = self.clock()
@@ -217,9 +214,16 @@ class Motors:
         self._read()
         self._left = self._at
 
-    def _action(self, goal: Array) -> dict[str, float]:
+    def _send(self, goal: Array) -> dict[str, float]:
+        """Sends a goal (m,), not sooner than a period after the last one; the action."""
         told = np.concatenate([goal, self._others]).tolist()
-        return {f"{name}{POSITION}": at for name, at in zip(self._all, told, strict=True)}
+        action = {f"{name}{POSITION}": at for name, at in zip(self._all, told, strict=True)}
+        if (early := self._sent_at + 1 / RATE - self.clock()) > JITTER_S:
+            self._sleep(early)
+        self._sent_at = self.clock()
+        self._robot.send_action(action)
+        self.goal = goal
+        return action
 
     def _read(self) -> None:
         """Reads where motors stand; raises ArmError where they cannot have come there meanwhile."""
@@ -229,9 +233,8 @@ class Motors:
         except Exception as error:
             raise self._failed(error) from error
         now = self.clock()
-        possible = np.full(len(at), math.inf)
-        possible[: len(self.names)] = AHEAD + PUSHED * (now - self._read_at)
-        for name, new, old, most in zip(self._all, at, self._at, possible, strict=True):
+        most = AHEAD + PUSHED * (now - self._read_at)
+        for name, new, old in zip(self._all, at, self._at, strict=True):
             if not abs(new - old) <= most:
                 raise ArmError(
                     f"while {self.doing}, motor {name} says that it stands at {new:g} degrees, right after "

@@ -42,7 +42,10 @@ class Torque:
             raise ArmError("the robot is not connected: only its power switch takes the torque now")
         confirm(ASK)
         self._switch_off(True)
-        self._robot.disconnect()
+        try:
+            self._robot.disconnect()
+        finally:
+            self._switch_off(False)
 
     def _switch_off(self, off: bool) -> None:
         if self._known:

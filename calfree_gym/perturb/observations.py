@@ -14,10 +14,10 @@ Path = str | Sequence[str]
 Keys = tuple[str, ...]
 
 
-def keys_of(path: Path) -> Keys:
-    """The keys of a path; raises ValueError where it is none."""
+def keys_of(name: str, path: Path) -> Keys:
+    """The keys of a path; raises ValueError, with the name of what it is given for, where it is none."""
     if not isinstance(path, str | Sequence):
-        raise ValueError(f"found {path!r}; allowed: the key of a part of observations, or a list of keys")
+        raise ValueError(f"{name} is {path!r}; allowed: the key of a part of observations, or a list of keys")
     return (path,) if isinstance(path, str) else tuple(path)
 
 

@@ -123,7 +123,7 @@ def paired(
             goals), must be seeded there.
         policy: A function from observations to actions, or what has stable-baselines3's `predict`, whose
             state is passed on. If a function has `reset`, that is called before each episode.
-        schedules: By name, as for `Perturb`; the others are compared with the first one.
+        schedules: By name, in text, as for `Perturb`; the others are compared with the first one.
         episodes: Of each schedule.
         seed: Of the first episode, and of what perturbations draw.
         learns: `policy` is then a function that makes a learner, with `learn`, in an environment. Each
@@ -140,6 +140,9 @@ def paired(
     check_whole("episodes", episodes, 1, LIFE)
     if not isinstance(schedules, Mapping) or not schedules:
         raise ValueError(f"schedules is {schedules!r}; it must be schedules by name, such as {{'none': []}}")
+    for name in schedules:
+        if not isinstance(name, str):
+            raise ValueError(f"schedules has the name {name!r}; names are text")
     with ExitStack() as made:
         lives: dict[str, _Episodes] = {}
         perturbed: list[Perturb] = []
@@ -147,7 +150,10 @@ def paired(
             bare = make_env()
             if any(bare.unwrapped is each.unwrapped for each in lives.values()):
                 raise ValueError("make_env gave the same environment again; it must make a new one each time")
-            env = made.enter_context(closing(Perturb(bare, schedule, seed=seed, **perturb)))
+            try:
+                env = made.enter_context(closing(Perturb(bare, schedule, seed=seed, **perturb)))
+            except ValueError as error:
+                raise ValueError(f"schedules.{name}: {error}") from error
             perturbed.append(env)
             lives[name] = _Episodes(wrap(env) if wrap else env, seed, success or _told)
         for (name, life), env in zip(lives.items(), perturbed, strict=True):

@@ -49,6 +49,10 @@ class Scope:
         late: Sequence[Path] | None,
         adapter: Adapter | None,
     ) -> None:
+        if isinstance(adapter, type):
+            raise ValueError(
+                f"adapter is the class {adapter.__name__}; it must be one of its kind, {adapter.__name__}()"
+            )
         self.adapter = adapter or adapter_of(env)
         model = self.adapter.simulation(env)[0] if self.adapter else None
         self._env = env
@@ -56,17 +60,23 @@ class Scope:
         self.rendered = self._rendered()
         space = env.observation_space
         self.images = images_by_name(space, self._cameras)
+        if images is not None and not isinstance(images, Mapping):
+            raise ValueError(f"images is {images!r}; it must be keys by camera, such as {{'top': 'pixels'}}")
         if images is not None:
-            self.images = {name: () if path is None else (keys_of(path),) for name, path in images.items()}
+            self.images = {
+                name: () if path is None else (keys_of(f"images.{name}", path),)
+                for name, path in images.items()
+            }
         self.parts = ModelParts((), ())
         for name, paths in self.images.items():
             if model and name not in (*self._cameras, RENDER):
                 raise ValueError(f"images names {self._no_camera(name)}")
             for keys in paths:
                 check_path("images", keys, space)
-        if isinstance(late, str):
-            raise ValueError(f"late is {late!r}; it must be a list of parts, such as [{late!r}]")
-        self.late: tuple[Keys, ...] = ((),) if late is None else tuple(map(keys_of, late))
+        if isinstance(late, str) or not isinstance(late, Sequence | None):
+            such = [late if isinstance(late, str) else "observation"]
+            raise ValueError(f"late is {late!r}; it must be a list of parts, such as {such}")
+        self.late: tuple[Keys, ...] = ((),) if late is None else tuple(keys_of("late", each) for each in late)
         for keys in self.late:
             check_path("late", keys, space)
         shown = [*self.images]
@@ -118,6 +128,11 @@ class Scope:
         if named is None and not self.parts.cameras:
             raise ValueError(f"{where}: {kind}: no image shows a camera; {self._show('NAME')}")
         for name in self.parts.cameras if named is None else (named,):
+            if name == RENDER and name not in self.parts.cameras and self._env.render_mode == "rgb_array":
+                raise ValueError(
+                    f"{where}: {kind}: observations have images, and render() shows none of those: give "
+                    "images={} to perturb what it shows"
+                )
             if name not in (*self.parts.cameras, *self._cameras):
                 raise ValueError(f"{where}: {kind} names {self._no_camera(name)}")
             if name not in self.parts.cameras:
@@ -165,7 +180,12 @@ class Scope:
         camera = FREE if self.adapter is None else self.adapter.camera(self._env)
         if isinstance(camera, str):
             return camera
-        return RENDER if camera is None or camera == FREE else self._cameras[camera]
+        if camera is None or camera == FREE:
+            return RENDER
+        if not 0 <= camera < len(self._cameras):
+            known = ", ".join(map("{0[0]}: {0[1]}".format, enumerate(self._cameras))) or "none"
+            raise ValueError(f"the adapter's camera is {camera}; those of the model: {known}")
+        return self._cameras[camera]
 
     def _motors(self, model: Any) -> tuple[str, ...]:
         """Names of the numbers of an action: of the actuators, where there are as many."""

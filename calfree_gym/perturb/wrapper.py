@@ -77,7 +77,8 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         images: Where images are in observations, by camera, such as `{"top": ("pixels", "top")}`; `()` is the
             observation itself, None an image that whoever wraps this environment makes from the model. By
             default these are all images that are called as a camera of the model. What `render()` shows is of
-            the camera that `gym.make(..., camera_name="track")` names.
+            the camera that `gym.make(..., camera_name="track")` names; a viewer's own one is met by faults of
+            images with `images={}`, or where observations have none.
         per: "life": the schedule runs over all episodes, and resets with a seed begin no draws anew;
             "episode": it begins anew in each of them, with other draws, and a reset with a seed repeats them.
         late: Which parts of observations `latency` and `point_dropout` meet; by default all.
@@ -157,6 +158,10 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if self._resets == 0 and self.parts.motors:
             rest = None if self.adapter is None else self.adapter.rest(self.env)
             self._rest = middle(self.action_space) if rest is None else np.asarray(rest, float)
+            if self._rest.shape != self.action_space.shape:
+                raise ValueError(
+                    f"the adapter's rest has shape {self._rest.shape}; it must have {self.action_space.shape}"
+                )
         self._resets += 1
         self._counts["trial"] += 1
         self._past.clear()
@@ -183,7 +188,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._enter(self._built)
 
     def close(self) -> None:
-        """Closes the environment, whose model is as built again: others may share it."""
+        """Closes the environment, whose model is as built again: others may share it, made while it is so."""
         self.unperturbed()
         super().close()
 
@@ -233,7 +238,9 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 self._model.write(world)
 
     def _told(self, info: dict[str, Any]) -> dict[str, Any]:
-        return {**info, "perturbed": np.int64(len(self.applied) + info.get("perturbed", 0))}
+        own = info.get("perturbed")
+        inner = own if isinstance(own, int | np.integer) else 0
+        return {**info, "perturbed": np.int64(len(self.applied) + inner)}
 
     def _executed(self, action: Any) -> Any:
         if np.shape(action)[-1:] != (shape := self.action_space.shape):

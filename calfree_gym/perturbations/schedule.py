@@ -232,7 +232,7 @@ def _drifting(when: Any, where: str) -> str:
     if not isinstance(when, Mapping) or set(when) != {"per"}:
         raise ValueError(f"{where} is {when!r}; it must be {{per: motion}} or {{per: trial}}")
     clock = when["per"]
-    if clock not in _CLOCK_OF:
+    if clock not in tuple(_CLOCK_OF):
         raise ValueError(
             f"{where}.per is {clock!r}{near_misses(clock, _CLOCK_OF)}; allowed: {', '.join(_CLOCK_OF)}"
         )

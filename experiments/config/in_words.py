@@ -134,8 +134,12 @@ class Knock:
 
 
 def knocks(scenario: ScenarioConfig) -> list[Knock] | None:
-    """The changes of a lifetime in their order; None where the world changes again and again."""
-    return _knocks(scenario) if all("at" in event for event in scenario.perturbations) else None
+    """The changes of a lifetime in their order; None where it is not known, or they come again and again."""
+    if not all("at" in event for event in scenario.perturbations):
+        return None
+    places = (place for event in scenario.perturbations for place in event["at"].items())
+    by_trials = {clock == "trial" for clock, count in places if count}
+    return _knocks(scenario) if len(by_trials) < 2 else None
 
 
 def _knocks(scenario: ScenarioConfig) -> list[Knock]:

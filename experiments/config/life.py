@@ -45,14 +45,17 @@ def with_shares_as_motions(
 def check_reached(
     schedule: Sequence[dict[str, Any]], lengths: Mapping[str, int | None], of: str = ""
 ) -> None:
-    """Raises ValueError where lives of these lengths, by clock, never reach an event.
+    """Raises ValueError where lives of these lengths, by clock, never reach an event; a trial has a motion.
 
     `of` says whose lengths they are.
     """
     for i, event in enumerate(parse_schedule(list(schedule))):
-        clock, length = event.clock, lengths.get(event.clock)
+        counted = event.clock if lengths.get(event.clock) is not None else "motion"
+        length = lengths.get(counted)
         if length is not None and event.at >= length:
-            raise ValueError(f"perturbations.{i}.at.{clock} is {event.at}: never, in {of}{length} {clock}s")
+            raise ValueError(
+                f"perturbations.{i}.at.{event.clock} is {event.at}: never, in {of}{length} {counted}s"
+            )
 
 
 WHENS = ("every", "at", "per_decade")

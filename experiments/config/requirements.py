@@ -89,7 +89,10 @@ def unfit_life(
             is_at = f"share {by_share[i]:g} of {motions:,} motions is motion {event.at:,}"
             wrong[where] = f"{is_at}; allowed: lives of {_nearest(motions, rows, fits)}"
         else:
-            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows)}"
+            found = f"motion {event.at:,}"
+            first = rows if event.every else 0
+            near = _nearest(event.at, rows, range(first, motions).__contains__)
+            wrong[where] = f"{found}; allowed: {near}"
     every, checkpoints = (evaluation.every, evaluation.at) if evaluation else (None, None)
     if every and every % rows:
         wrong["evaluation.every"] = f"found {every:,}; allowed: {_nearest(every, rows)}"

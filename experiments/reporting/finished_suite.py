@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from experiments.config.environment import EnvironmentConfig, as_told
-from experiments.config.in_words import schedule_in_words
+from experiments.config.in_words import again_and_again, schedule_in_words
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.pages import SummaryRow, summary_row
 from experiments.reporting.tables import Table, counted, must_know, percent, written
@@ -75,7 +75,10 @@ class FinishedSuite:
         return {agent.label: self.suite.worlds_of(agent, part) for agent in self.suite.agents_in(part)}
 
     def compared(self, part: ScenarioConfig) -> str:
-        """In brackets, whether all agents met the same in each world of a scenario, where runs tell."""
+        """In brackets, whether all agents met the same in each world of a scenario, where runs tell.
+
+        Of changes that come again and again they do not: longer lives meet more.
+        """
         met: dict[int, dict[str, str]] = {}
         for run in self.runs:
             where, found = run.where, self.outcomes.get(run.id, {}).get("met")
@@ -83,8 +86,9 @@ class FinishedSuite:
                 met.setdefault(where["world"], {})[where["agent"]] = found
         other = [str(world) for world, found in sorted(met.items()) if len({*found.values()}) > 1]
         if other:
-            return f" (but not in worlds {', '.join(other)}: what was drawn differs there)"
-        return " (what was drawn for them is equal)" if any(len(found) > 1 for found in met.values()) else ""
+            return f" (but not all met the same in worlds {', '.join(other)})"
+        equal = "they began" if again_and_again(part) else "they and their changes were"
+        return f" ({equal} equal)" if any(len(found) > 1 for found in met.values()) else ""
 
     def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
         """In how many worlds that agent of a part is that is in the fewest."""

@@ -110,9 +110,9 @@ def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, s
     steps = evaluation.per_decade
     apart = f"; checkpoints are {10 ** (1 / steps):.1f}-fold apart" if steps else ""
     return found, (
-        "Motions: of the median world, in test trials, which teach nothing; a failed one counts as "
-        f"{held.cap}. {_GOOD}: of {evaluation.trials} test trials, and of all later ones, as cameras see "
-        f"it{apart}.{knock}"
+        "Motions: of the median world, shares of all, in test trials, which teach nothing; a failed one "
+        f"counts as {held.cap}. {_GOOD}: of {evaluation.trials} test trials, and of all later ones, as "
+        f"cameras see it{apart}.{knock}"
     )
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.config.in_words import again_and_again, knocks
+from experiments.config.in_words import again_and_again, knocks, schedule_in_words
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.figures import (
     ASIDE,
@@ -148,7 +148,7 @@ def _alike_high(titles: list[str]) -> list[str]:
 def _title(scenario: ScenarioConfig, stretch: int) -> str:
     known = knocks(scenario)
     if known is None:
-        return again_and_again(scenario)
+        return again_and_again(scenario) or schedule_in_words(scenario)
     if not known:
         return ""
     if _in_one_panel(scenario):

@@ -84,6 +84,7 @@ Word = Annotated[str, Field(pattern=r"^[\w.+-][\w.+, -]*$")]
 class _Outcome(BaseModel, extra="allow"):
     privileged: list[str]
     prior_knowledge: list[str]
+    met: str = ""
 
 
 class About(BaseModel):

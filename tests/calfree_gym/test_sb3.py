@@ -151,3 +151,12 @@ def test_a_list_of_single_environments_is_refused_before_a_trial_ends():
     listed = make(rows=1, vectorization_mode="sync", vector_kwargs=at_once)
     with pytest.raises(ValueError, match=r"is a SyncVectorEnv; .*without vectorization_mode.*DummyVecEnv"):
         as_sb3_env(listed)
+    with pytest.raises(ValueError, match="the batched environment is a str"):
+        as_sb3_env("CalFree/Reach-v0")
+
+
+def test_observations_that_are_wrapped_already_are_refused():
+    envs = gym.vector.VectorWrapper(make(rows=1, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP))
+    envs.single_observation_space = gym.spaces.flatten_space(envs.single_observation_space)
+    with pytest.raises(ValueError, match="observations are wrapped"):
+        as_sb3_env(envs)

@@ -120,6 +120,7 @@ def test_scores_are_those_of_the_worlds(monkeypatch):
         ({"after": 1.5}, ValueError, "after"),
         ({"rows": 0}, ValueError, "rows"),
         ({"seeds": ()}, ValueError, "found no seeds"),
+        ({"seeds": (-1,)}, ValueError, "a seed"),
         ({"make_agent": lambda env, seed: env}, TypeError, r"LifetimeRecorder, which has no learn\(\)"),
     ],
 )

@@ -358,6 +358,16 @@ def test_torque_stays_on_where_an_environment_is_closed_or_forgotten(tmp_path):
     assert power.read_text() == "on"
 
 
+def test_who_breaks_off_a_release_leaves_the_arm_holding(ready, monkeypatch):
+    def disconnect():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ready.robot, "disconnect", disconnect)
+    with pytest.raises(KeyboardInterrupt):
+        ready.env.release(lambda _: None)
+    assert not ready.robot.config.disable_torque_on_disconnect
+
+
 def test_what_is_closed_releases_no_more():
     env = LeRobotReachEnv(FakeSO101(), ("left", "right"))
     env.close()

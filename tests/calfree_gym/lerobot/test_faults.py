@@ -1,5 +1,6 @@
 """Every fault at every moment of a motion: it is ignored, tolerated for three motions, or the arm holds."""
 
+import itertools
 import re
 
 import cv2
@@ -10,13 +11,13 @@ import pytest
 from calfree_gym.lerobot import ArmError
 from calfree_gym.lerobot.environment import SLOWLY
 from calfree_gym.lerobot.frames import FROZEN_S
-from calfree_gym.lerobot.motors import AHEAD, RATE
+from calfree_gym.lerobot.motors import AHEAD, JITTER_S, RATE
 from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, OVERLOAD, FakeSO101
 from tests.calfree_gym.lerobot.so101 import MOTORS
 
 WORDS = np.array([0.2, 0.15, -0.2, 0.1, 0.1], np.float32)
 """A motion there and back loses nothing from view."""
-MOMENTS = ("streaming", "settling", "looking")
+MOMENTS = ("streaming", "looking", pytest.param("settling", marks=pytest.mark.slow))
 
 
 def there_and_back(env, motions, words=WORDS):
@@ -348,14 +349,82 @@ def test_a_wrong_reading_right_before_ctrl_c_moves_nothing_away(ready, sent, mon
     assert min(np.array(sent)[:, 2] - ready.env.home[2]) >= 45 * WORDS[2] - 0.1
 
 
-def test_power_that_was_off_while_the_object_was_placed_is_noticed(ready):
-    robot, env = ready.robot, ready.env
+def fallen(robot):
+    """Power was off for a while, and is on again."""
     robot.plant.powered = False
     robot.sleep(3.0)
     robot.plant.powered = True
+
+
+@pytest.fixture
+def ahead(ready, monkeypatch):
+    """How far goals were from where motors stood, in degrees, as each was sent."""
+    found, send = [], ready.robot.send_action
+
+    def sending(action):
+        send(action)
+        found.append(np.abs(ready.robot.goals_ahead()).max())
+
+    monkeypatch.setattr(ready.robot, "send_action", sending)
+    return found
+
+
+@pytest.mark.parametrize("when", ["before", "while"])
+def test_power_that_was_off_when_the_object_was_placed_is_noticed(ready, ahead, when):
+    robot, env = ready.robot, ready.env
+    env._place_object = lambda: fallen(robot) if when == "while" else None
+    if when == "before":
+        fallen(robot)
     ready.actions.clear()
+    observation, _ = env.reset()
+    assert max(ahead) < AHEAD
+    assert not observation["observation"][4:].any()
+    assert (np.sort(steps(ready.actions).max(1))[:-1] <= SLOWLY * 60 / RATE + 1e-9).all(), (
+        "but when it is taken over"
+    )
+
+
+@pytest.mark.parametrize("fault", [no_packet, frozen])
+def test_whatever_fails_after_power_was_off_no_motor_leaps(ready, ahead, fault):
+    robot, env = ready.robot, ready.env
+    ready.then("streaming", lambda: no_packet(robot))
+    with pytest.raises(ArmError, match="no status packet"):
+        env.step(WORDS)
+    mend(robot)
+    fallen(robot)
+    ahead.clear()
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(WORDS)
+    assert not ahead, "nothing is sent"
+    fault(robot)
+    with pytest.raises(ArmError, match=r"no status packet|no new picture"):
+        env.reset()
+    mend(robot)
     env.reset()
-    assert steps(ready.actions).max() <= SLOWLY * 60 / RATE + 1e-9
+    assert max(ahead) < AHEAD
+
+
+def test_goals_come_no_sooner_after_one_that_was_late(ready, monkeypatch):
+    robot, read, send = ready.robot, ready.robot.get_observation, ready.robot.send_action
+    times, late = [], itertools.cycle([0.0, 0.08])
+    monkeypatch.setattr(robot, "get_observation", lambda: (robot.sleep(next(late)), read())[1])
+    monkeypatch.setattr(robot, "send_action", lambda action: (times.append(robot.clock()), send(action)))
+    ready.env.step(WORDS)
+    assert np.diff(times).min() >= 1 / RATE - JITTER_S - 0.005
+
+
+def test_a_wrong_reading_of_a_motor_that_rests_moves_nothing(ready, monkeypatch):
+    read, wrong = ready.robot.get_observation, iter([0.0, 60.0])
+
+    def misread():
+        seen = read()
+        return seen | {"gripper.pos": seen["gripper.pos"] + next(wrong, 0.0)}
+
+    monkeypatch.setattr(ready.robot, "get_observation", misread)
+    ready.actions.clear()
+    with pytest.raises(ArmError, match="motor gripper says that it stands at"):
+        ready.env.reset()
+    assert not ready.actions
 
 
 def test_a_motor_that_rests_is_not_lowered_where_it_only_sags(ready, monkeypatch):
@@ -363,7 +432,7 @@ def test_a_motor_that_rests_is_not_lowered_where_it_only_sags(ready, monkeypatch
 
     def sagging():
         seen = read()
-        return seen | {"shoulder_lift.pos": seen["shoulder_lift.pos"] - 3.0}
+        return seen | {"shoulder_lift.pos": seen["shoulder_lift.pos"] - 4.0}
 
     monkeypatch.setattr(robot, "get_observation", sagging)
     ready.actions.clear()

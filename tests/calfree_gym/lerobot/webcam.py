@@ -1,7 +1,7 @@
 """A cheap webcam on the bench's virtual clock: late, with dropped and repeated frames."""
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import mujoco
@@ -69,10 +69,7 @@ class Webcam:
         self.unplugged = self.frozen = self.copies = False
         self.losing = 0
         self._frame = self._number = None
-        rng = np.random.default_rng(self.seed)
-        self._waves = rng.uniform(0, 2 * np.pi, (4, 2))
-        size = HEIGHT + MARGIN, WIDTH + MARGIN
-        self._grain = (rng.normal(0, 1, (*size, 1)) + rng.normal(0, 0.5, (*size, 3))).astype(np.float32)
+        self._waves, self._grain = sensor(*self.seed)
 
     def expose(self, time, state):
         """Keeps what is to be seen where a frame is exposed between the last time and this one."""
@@ -171,6 +168,14 @@ class Scene:
             maps = (x * bend * focal + WIDTH / 2, y * bend * focal + HEIGHT / 2)
             self._maps[k1, focal] = tuple(each.astype(np.float32) for each in maps)
         return self._maps[k1, focal]
+
+
+@lru_cache(4)
+def sensor(*seed):
+    """How light wanders (4, 2), and the noise of its pixels, of which each picture shows a part."""
+    rng = np.random.default_rng(seed)
+    waves, size = rng.uniform(0, 2 * np.pi, (4, 2)), (HEIGHT + MARGIN, WIDTH + MARGIN)
+    return waves, (rng.normal(0, 1, (*size, 1)) + rng.normal(0, 0.5, (*size, 3))).astype(np.float32)
 
 
 @cache

@@ -157,13 +157,17 @@ class Silent(gym.ObservationWrapper):
     [
         ({"schedules": {}}, "must be schedules by name"),
         ({"schedules": [NONE]}, "must be schedules by name"),
+        ({"schedules": {0: NONE}}, "schedules has the name 0; names are text"),
         ({"episodes": 0}, "episodes is 0"),
         ({"make_env": lambda: Silent(TableTop())}, "info has speed.*is_success, success.*success="),
         (
             {"make_env": cache(TableTop), "schedules": {"none": NONE, "more": NONE}},
             "the same environment again",
         ),
-        ({"schedules": {"none": NONE, "bad": [{"at": 3}]}}, "schedule.0 is .* must be a mapping"),
+        (
+            {"schedules": {"none": NONE, "bad": [{"at": 3}]}},
+            r"schedules\.bad: schedule\.0 is .* must be a mapping",
+        ),
     ],
 )
 def test_what_cannot_be_compared_is_told(arguments, said):

@@ -57,6 +57,7 @@ def written(schedule):
         (rolled(evry={"trial": 1}), "perturbations.0 has 'evry'.*did you mean every"),
         (rolled(every={"trial": 0}), "perturbations.0.every.trial is 0"),
         (rolled(drift={"per": "trials"}), "drift.per is 'trials' .did you mean trial"),
+        (rolled(drift={"per": ["trial"]}), r"drift.per is \['trial'\].* allowed: motion, trial"),
         (rolled(), "must be a mapping of do and one of at, every, drift"),
         (rolled(at={"trial": 1}, every={"trial": 1}), "one of at, every, drift"),
         (

@@ -71,6 +71,10 @@ def test_knocks_stand_in_the_order_of_a_life():
         Knock(6, "before trial 7", "undone: left camera turned by 20°"),
     ]
     assert knocks(scenario()) == []
+    by_trials = {"at": {"trial": 5}, "do": {"type": "motor_sign"}}
+    assert knocks(scenario({"at": {"motion": 10}, "do": AIM}, by_trials)) is None, (
+        "nobody knows which is first"
+    )
 
 
 def test_a_schedule_says_when_everything_changes():

@@ -105,6 +105,12 @@ def test_an_event_that_a_shorter_life_never_reaches_is_refused(lives, refused):
     assert said in refused(lives)
 
 
+def test_a_trial_that_a_life_has_not_motions_enough_for_is_refused(lives, refused):
+    lives["scenarios"][0] |= {"motions": 64}
+    lives["scenarios"][0]["perturbations"][0]["at"] = {"trial": 64}
+    assert "perturbations.0.at.trial is 64: never, in a lifetime of 64 motions" in refused(lives)
+
+
 @pytest.mark.parametrize(
     ("motions", "when", "evaluation", "where", "said"),
     [
@@ -113,6 +119,8 @@ def test_an_event_that_a_shorter_life_never_reaches_is_refused(lives, refused):
         (256, HALF, {"every": 40}, "evaluation.every", "found 40; allowed: 64"),
         (256, HALF, {"at": [0, 100]}, "evaluation.at", "found 100; allowed: 64 or 128"),
         (256, {"motion": 70}, DECADES, CHANGE, "motion 70; allowed: 64 or 128"),
+        (128, {"motion": 70}, DECADES, CHANGE, "motion 70; allowed: 64"),
+        (64, {"motion": 10}, DECADES, CHANGE, "motion 10; allowed: 0"),
     ],
 )
 def test_what_is_no_multiple_of_the_rows_is_refused_with_what_is_near(

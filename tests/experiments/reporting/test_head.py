@@ -83,11 +83,9 @@ def test_worlds_of_which_agents_met_others_are_named(finished):
     assert "the same ones for every agent. After" in about(of, aimed), "results of before do not tell"
     for run in of.runs:
         of.outcomes[run.id]["met"] = f"world {run.where['world']}"
-    assert "the same ones for every agent (what was drawn for them is equal)." in about(of, aimed)
+    assert "the same ones for every agent (they and their changes were equal)." in about(of, aimed)
     of.outcomes[of.runs[0].id]["met"] = "another"
-    assert f"(but not in worlds {of.runs[0].where['world']}: what was drawn differs there)" in about(
-        of, aimed
-    )
+    assert f"(but not all met the same in worlds {of.runs[0].where['world']})" in about(of, aimed)
 
 
 def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished, suite_data):
