@@ -67,6 +67,8 @@ class LinesOfSight:
 
 BLOCK = 16
 """Candidates that one place of a stream holds."""
+ALL = ATTEMPTS * BLOCK
+"""Candidates of which one must be an object."""
 AT_ONCE = 2048
 """About so many candidates, of all rows, are judged at once (a guard: it saves time)."""
 AHEAD = 8
@@ -175,15 +177,15 @@ class ObjectDraws(OfWorlds):
         hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
         apart_px = self._apart[rows[open_[0]], 0] / IMAGE_UNIT
         raise ValueError(
-            f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
+            f"no object in {ALL} candidates is within reach and in view of both "
             f"cameras{hidden}, and seen more than {apart_px:.0f} px from the "
             "gripper at home (the tolerance, and what noise may add to it), in row "
             f"{rows[open_[0]]}, trial {trials[open_[0]]}: see its world"
         )
 
-    def exists(self, row: int) -> bool:
-        """Whether one of the candidates by which a world is judged can be an object in `row`."""
-        _, good = self._judged(judging_draws(CHECKED, self._count), np.array([row]))
+    def exists(self, row: int, candidates: int = CHECKED) -> bool:
+        """Whether one of so many candidates, the same for all worlds, can be an object in `row`."""
+        _, good = self._judged(judging_draws(candidates, self._count), np.array([row]))
         return bool(good.any())
 
     def _judged(self, draws: Array, rows: NDArray[np.intp]) -> tuple[Candidates, Flags]:

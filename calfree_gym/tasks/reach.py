@@ -35,11 +35,14 @@ from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.arms.scene import RADIUS as MARK_RADIUS
 from calfree_gym.robot.kinematic import KinematicSimulation
-from calfree_gym.robot.objects import LinesOfSight, ObjectDraws
+from calfree_gym.robot.objects import ALL, LinesOfSight, ObjectDraws
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World, WorldChoice
 
+REDRAWN = 2
+"""So many worlds without an object are drawn anew. Choice: one in 1,500 has none where images are seen; arms
+that hide all objects take a search each time."""
 IMAGES = ("pixels", "rgb", "depth")
 """Observations of images."""
 FARTHEST = 100.0
@@ -131,7 +134,9 @@ class ReachArms(Arms):
     task = "reach"
     config_of: ClassVar[type[Config]] = ReachConfig
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_drawn_at")
-    also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
+    also_asks = (
+        "are the gripper's mark at home and an object hidden by nothing, as images and occlusion=True need"
+    )
     config: ReachingConfig
     simulation: ReachSimulation
 
@@ -179,15 +184,31 @@ class ReachArms(Arms):
         return (*super().of_worlds(), self._objects)
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
-        """See `Arms`: nothing hides the gripper at home."""
+        """See `Arms`: nothing hides the gripper at home, nor all objects."""
         if (lines := self._lines) is None:
             return None
-        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world))
+        has_object = self._has_object(row)
+        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world)) and has_object(world)
+
+    def can_begin(self, row: int) -> Callable[[World], bool] | None:
+        """See `Arms`: where something may hide them, not all objects are hidden."""
+        return None if self._lines is None else self._has_object(row)
+
+    def _has_object(self, row: int) -> Callable[[World], bool]:
+        """Whether worlds have an object; of some that have none, the last is taken: drawing one tells why."""
+        others = iter(range(REDRAWN))
+
+        def has_object(world: World) -> bool:
+            self.home_in(row, world)
+            found = self._objects.exists(row) or self._objects.exists(row, ALL)
+            return found or next(others, None) is None
+
+        return has_object
 
     def home_in(self, row: int, world: World) -> Array:
         """Joint positions (j,) at home in a world, into which the row is put as far as this takes."""
-        self._workspaces.set_world(row, world)
-        self.simulation.set_world(row, world)
+        for part in (self._workspaces, self.simulation, self._objects):
+            part.set_world(row, world)
         return self._workspaces.home(row)
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:

@@ -129,7 +129,10 @@ class SafeReachArms(ReachArms):
 
     def can_begin(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""
-        return lambda world: self.simulation.is_collision_free(row, self.home_in(row, world))
+        also = super().can_begin(row)
+        return lambda world: (
+            self.simulation.is_collision_free(row, self.home_in(row, world)) and (also is None or also(world))
+        )
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`.

@@ -111,7 +111,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(each, marks=[pytest.mark.slow] * (each == "Grasp vision")) for each in CASES]
+)
 def test_rows_are_single_environments_in_every_task(case, request):
     task, size, arguments = CASES[case]
     if "observation" in arguments:

@@ -26,7 +26,7 @@ REDUNDANT = arm_file("redundant.xml", "tool", home="home")
     ("mount", "arm"),
     [
         ("waist", {}),
-        ("stand", arm_file("scara.xml", "tip")),
+        pytest.param("stand", arm_file("scara.xml", "tip"), marks=pytest.mark.slow),
         pytest.param("stand", REDUNDANT, marks=pytest.mark.slow),
         pytest.param("link 3", REDUNDANT, marks=pytest.mark.slow),
     ],

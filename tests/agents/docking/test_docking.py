@@ -118,6 +118,7 @@ def test_one_name_stands_for_what_docks_and_for_what_reaches():
         agents.make("arcs", dock, cameras=3)
 
 
+@pytest.mark.slow
 def test_arcs_docks_by_both_cameras_where_the_robot_has_two():
     dock = gym.make("calfree_gym:CalFree/Dock-v0", world="wild", dynamics="kinematic", cameras=2)
     agent = agents.make("arcs", gym.wrappers.RecordEpisodeStatistics(dock))

@@ -41,6 +41,7 @@ def test_it_grasps_where_registers_go_on_beyond_1():
     assert sum(record.success for record in records) >= 11
 
 
+@pytest.mark.slow
 def test_it_grasps_what_it_sees(opengl):
     env = gym.make(GRASP, shape="bar", camera_mount="stand", observation="vision")
     agent = agents.make("grasp", env, knowledge=None)

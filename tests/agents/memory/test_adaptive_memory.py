@@ -32,7 +32,9 @@ ROLL = fiftieth("camera_roll", camera="right", degrees=40)
 REPLACE = fiftieth("camera_replace", camera="left")
 
 
-@pytest.mark.parametrize(("perturbations", "kind"), [(AIM, "re-aimed"), ([ROLL], "rolled")])
+@pytest.mark.parametrize(
+    ("perturbations", "kind"), [(AIM, "re-aimed"), pytest.param([ROLL], "rolled", marks=pytest.mark.slow)]
+)
 def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(lived, mount, perturbations, kind):
     agent, lengths = lived(perturbations, mount)
     (event,) = agent.adaptation.events

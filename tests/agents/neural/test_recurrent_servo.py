@@ -189,6 +189,7 @@ def test_the_gradient_through_the_robots_is_that_of_the_loss(finishing, double, 
     assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(square**0.5, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_training_lowers_the_loss(monkeypatch):
     """Below that of the same robots whose network does not learn: it falls within each life anyway."""
     monkeypatch.setattr(train, "FINISHING", (1.0, 2.0))  # the same loss all the time

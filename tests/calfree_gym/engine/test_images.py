@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from calfree_gym import WorldDistribution
 from calfree_gym.image import IMAGE_SIZE
 from tests.calfree_gym.environments import kinematic
 
@@ -98,3 +99,14 @@ def test_with_occlusion_all_is_seen_at_home_and_at_the_rendezvous(mount):
         there = observation["object_registers"] - env.unwrapped.arms.registers[0]
         assert env.step(there)[0]["observation"][:4].all()
     assert hidden > 0
+
+
+def test_a_world_in_which_something_hides_every_object_is_drawn_anew():
+    env, other = (kinematic(camera_mount="stand", occlusion=True) for _ in range(2))
+    hopeless = WorldDistribution("wild").sample(679)
+    other.unwrapped.set_world(hopeless)
+    with pytest.raises(ValueError, match="hidden by nothing"):
+        other.reset(seed=679)
+    observation, _ = env.reset(seed=679)
+    assert observation["observation"][:4].all()
+    assert env.unwrapped.world != hopeless

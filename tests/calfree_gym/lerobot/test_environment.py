@@ -409,7 +409,7 @@ def test_a_robot_whose_torque_nobody_can_keep_is_told():
         LeRobotReachEnv(robot, ("left", "right"))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_servo_reaches_in_spite_of_sag_play_ticks_and_webcams(bench, seed):
     bench = bench(seed=seed)
     servo = agents.make("unified_servo", bench.env)

@@ -197,7 +197,9 @@ CASES = [
     {"base": "omni", "cameras": 2, "tell": TOLD},
     {"goal": "shown", "perturbations": SCHEDULE},
     {"dynamics": "physics", "perturbations": SCHEDULE},
-    {"observation": "vision", "perturbations": SCHEDULE[:1] + SCHEDULE[5:6]},
+    pytest.param(
+        {"observation": "vision", "perturbations": SCHEDULE[:1] + SCHEDULE[5:6]}, marks=pytest.mark.slow
+    ),
 ]
 
 
