@@ -10,7 +10,6 @@ import pytest
 
 from calfree_gym import Perturb
 from calfree_gym.perturb.scope import ALLOWED
-from calfree_gym.perturb.simulation import FREE, Adapter
 from calfree_gym.perturbations import TYPES
 from tests.calfree_gym.environments import assert_same, begun, kinematic
 from tests.calfree_gym.perturb.table_top import TableTop
@@ -30,19 +29,6 @@ SETTINGS = {
     "dead_zone": {"words": 0.9},
     "point_dropout": {"share": 1.0},
 }
-
-
-class Telling(Adapter):
-    """Tells of an environment what it is told."""
-
-    def __init__(self, **told):
-        self.told = told
-
-    def camera(self, env):
-        return self.told.get("camera", FREE)
-
-    def rest(self, env):
-        return self.told.get("rest")
 
 
 POINTS = dict.fromkeys(CAMERAS)
@@ -400,8 +386,6 @@ AIM, BLURRED = do("camera_aim"), do("blur")
         (do("latency"), {"late": 5}, r"late is 5; it must be a list of parts"),
         (BLURRED, {"images": ["wrist"]}, r"images is \['wrist'\]; it must be keys by camera"),
         (BLURRED, {"images": {"wrist": 3}}, r"images\.wrist is 3; allowed: the key of a part"),
-        (AIM, {"adapter": Adapter}, r"adapter is the class Adapter; it must be .* Adapter\(\)"),
-        (AIM, {"adapter": Telling(camera=7)}, "the adapter's camera is 7; those of the model: 0: "),
         (do("motor_sign", motor="elbow"), {}, r"schedule\.0: motor_sign.motor is 'elbow'; allowed: s"),
         (do("joint_zero", joint="elbow"), {}, r"schedule\.0: joint_zero.joint is 'elbow'; allowed: s"),
         (do("link_length"), {}, r"schedule\.0: link_length needs a robot of calfree's own"),
@@ -416,29 +400,6 @@ def test_what_cannot_be_is_refused(schedule, arguments, message):
     with pytest.raises(ValueError, match=message):
         Perturb(env, schedule, **arguments)
     assert_same(arrays(env.model), before)
-
-
-def test_what_a_viewers_own_camera_shows_is_met_where_no_images_are_observed():
-    env, blurred = Workbench(["front"], render_mode="rgb_array"), do("blur", camera="render", px=8)
-    with pytest.raises(ValueError, match=r"observations have images, .* give images=\{\}"):
-        Perturb(env, blurred, adapter=Telling())
-    assert Perturb(env, blurred, adapter=Telling(), images={}).parts.cameras == ("render",)
-
-
-def test_a_rest_of_other_motors_is_refused_before_anything_moves():
-    with pytest.raises(ValueError, match=r"the adapter's rest has shape \(3,\); it must have \(2,\)"):
-        Perturb(Workbench(), do("motor_sign"), adapter=Telling(rest=np.zeros(3))).reset()
-
-
-@pytest.mark.parametrize("own", [None, "much"])
-def test_what_an_environment_tells_by_the_same_name_is_no_error(own):
-    class Tells(Workbench):
-        def reset(self, **arguments):
-            observation, info = super().reset(**arguments)
-            return observation, info | {"perturbed": own}
-
-    at_once = [{"at": {"step": 0}, "do": {"type": "motor_sign"}}]
-    assert Perturb(Tells(), at_once).reset()[1]["perturbed"] == 1
 
 
 def test_parts_of_a_tuple_cannot_be_named():
