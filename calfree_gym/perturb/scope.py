@@ -60,9 +60,11 @@ class Scope:
         self.rendered = self._rendered()
         space = env.observation_space
         self.images = images_by_name(space, self._cameras)
-        if images is not None and not isinstance(images, Mapping):
-            raise ValueError(f"images is {images!r}; it must be keys by camera, such as {{'top': 'pixels'}}")
         if images is not None:
+            if not isinstance(images, Mapping):
+                raise ValueError(
+                    f"images is {images!r}; it must be keys by camera, such as {{'top': 'pixels'}}"
+                )
             self.images = {
                 name: () if path is None else (keys_of(f"images.{name}", path),)
                 for name, path in images.items()

@@ -184,11 +184,11 @@ class ReachArms(Arms):
         return (*super().of_worlds(), self._objects)
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
-        """See `Arms`: nothing hides the gripper at home, nor all objects."""
-        if (lines := self._lines) is None:
-            return None
-        has_object = self._has_object(row)
-        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world)) and has_object(world)
+        """See `Arms`: a trial can begin, and nothing hides the gripper at home."""
+        lines, can_begin = self._lines, self.can_begin(row)
+        if lines is None or can_begin is None:
+            return can_begin
+        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world)) and can_begin(world)
 
     def can_begin(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: where something may hide them, not all objects are hidden."""

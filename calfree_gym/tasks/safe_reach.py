@@ -122,13 +122,8 @@ class SafeReachArms(ReachArms):
         """See `Arms`: what is seen does not depend on how strong motors are."""
         return replace(world, motor_gain=np.full(len(self.robot.motors), SEEN_WITH))
 
-    def also_in_view(self, row: int) -> Callable[[World], bool]:
-        """See `Arms`: nothing is touched at home."""
-        also, can_begin = super().also_in_view(row), self.can_begin(row)
-        return lambda world: can_begin(world) and (also is None or also(world))
-
     def can_begin(self, row: int) -> Callable[[World], bool]:
-        """See `Arms`: nothing is touched at home."""
+        """See `ReachArms`: and nothing is touched at home."""
         also = super().can_begin(row)
         return lambda world: (
             self.simulation.is_collision_free(row, self.home_in(row, world)) and (also is None or also(world))
