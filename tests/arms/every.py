@@ -13,10 +13,21 @@ EVERY = [*ARMS, *(pytest.param(name, marks=pytest.mark.slow) for name in FETCHED
 """For `pytest.mark.parametrize`."""
 
 
-@lru_cache
 def arm_named(name):
-    """The arm of that name; it is built once."""
-    if (arguments := (ARMS | fetched_arms()).get(name)) is None:
+    """The arm of that name: our own are built once a process, of the large fetched ones the last two are kept."""
+    return own_arm(name) if name in ARMS else fetched_arm(name)
+
+
+@lru_cache(maxsize=len(ARMS))
+def own_arm(name):
+    """An arm of `ARMS`."""
+    return Arm(**ARMS[name])
+
+
+@lru_cache(maxsize=2)
+def fetched_arm(name):
+    """An arm that `make arms` fetches."""
+    if (arguments := fetched_arms().get(name)) is None:
         pytest.skip("`make arms` has not fetched it")
     return Arm(**arguments)
 
