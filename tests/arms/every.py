@@ -14,7 +14,7 @@ EVERY = [*ARMS, *(pytest.param(name, marks=pytest.mark.slow) for name in FETCHED
 
 
 def arm_named(name):
-    """The arm of that name: our own are built once a process, of the large fetched ones the last two are kept."""
+    """The arm of that name: our own are built once a process; of the large fetched ones two are kept."""
     return own_arm(name) if name in ARMS else fetched_arm(name)
 
 
