@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +14,7 @@ from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.arms.scene import HALF_APART, RADIUS
 from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.workspace import judging_draws
 from calfree_gym.world import World
 
 POINTS = 1_000
@@ -67,17 +67,12 @@ class Occluder(Perturbation):
 def work_space(world: World, robot: Robot) -> tuple[Array, Array]:
     """The gripper at home (3,), and gripper points (n, 3) of the work space, in m."""
     motors, every = MotorMap(1, robot), slice(None)
+    draws = judging_draws(max(robot.candidates, POINTS), len(robot.motors))[0]
     motors.set_world(0, world)
     home = motors.joints(np.zeros((1, len(robot.motors))), every)
-    angles = motors.angles(robot.postures(_draws(robot)), every)
+    angles = motors.angles(robot.postures(draws), every)
     home, points = (robot.gripper_position(each, world.link_lengths) for each in (home, angles))
     return home[0], points[robot.within(points)][:POINTS]
-
-
-@lru_cache(maxsize=8)
-def _draws(robot: Robot) -> Array:
-    shape = max(robot.candidates, POINTS), len(robot.motors)
-    return np.random.default_rng(0).random(shape)
 
 
 class Posts:

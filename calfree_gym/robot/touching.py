@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import mujoco
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.arms.chain import HINGE, SLIDE, path_to
-from calfree_gym.robot.arms.robot import Mounts, Robot
+from calfree_gym.robot.arms.robot import Mounts, Robot, kept_with_robot
 from calfree_gym.robot.grasping.simulation import PEAK, smooth
 from calfree_gym.robot.simulation import ReachSimulation
 
@@ -134,7 +133,7 @@ class Furniture:
             spec.add_exclude(bodyname1=model.body(one).name, bodyname2=model.body(other).name)
 
 
-@lru_cache(maxsize=8)
+@kept_with_robot
 def furniture(robot: Robot) -> Furniture:
     """That of an arm; the same for the same arm."""
     return Furniture(robot)

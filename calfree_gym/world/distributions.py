@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion
 from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.arms.robot import Rig, Robot
+from calfree_gym.robot.arms.robot import Rig, Robot, kept_with_robot
 from calfree_gym.streams import stream
 from calfree_gym.world.docking import Draw, misaimed, on_wheels
 from calfree_gym.world.value import MAX_TEXTURE, World
@@ -48,7 +47,7 @@ def _robot(robot: Robot | ArmChoice) -> Robot:
     return robot_of(robot) if isinstance(robot, str | Arm | Mapping) else robot
 
 
-@lru_cache(maxsize=16)
+@kept_with_robot
 def _built(robot: Robot) -> World:
     rig, motors, cameras = robot.rig, len(robot.motors), len(robot.cameras)
     return World(

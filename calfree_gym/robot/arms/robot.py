@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any, NamedTuple
+from functools import cached_property, wraps
+from typing import Any, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
@@ -183,6 +183,22 @@ class Robot(ABC):
     @abstractmethod
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """Writes the offsets of all bodies (nbody, 3) at these lengths of links (l,)."""
+
+
+Told = TypeVar("Told")
+
+
+def kept_with_robot(tell: Callable[[Robot], Told]) -> Callable[[Robot], Told]:
+    """Keeps what a function tells of a robot as long as that robot, which may hold hundreds of megabytes."""
+
+    @wraps(tell)
+    def told(robot: Robot) -> Told:
+        kept: dict[Callable[[Robot], Told], Told] = vars(robot).setdefault("kept", {})
+        if tell not in kept:
+            kept[tell] = tell(robot)
+        return kept[tell]
+
+    return told
 
 
 class Scene(NamedTuple):

@@ -1,8 +1,10 @@
 """An arm is a value: equal wherever its files are, plain text in a dict, the same after every way round."""
 
 import copy
+import gc
 import json
 import pickle
+import weakref
 
 import mujoco
 import numpy as np
@@ -53,6 +55,19 @@ def test_arms_are_different_values():
     assert len(set(arms)) == len(arms)
     assert all((a == b) == (a is b) for a in arms for b in arms)
     assert arms[0] != "scara"
+
+
+def test_arms_that_nobody_uses_leave_memory_but_for_a_few():
+    robots = []
+    for angle in range(8):
+        arm = Arm(CHAIN, "tip", home={"j2": 0.1 * angle})
+        make("SafeReach", arm=arm, perturbations=[{"at": {"trial": 0}, "do": {"type": "occluder"}}]).reset(
+            seed=0
+        )
+        robots.append(weakref.ref(arm.robot))
+    del arm
+    gc.collect()
+    assert sum(robot() is not None for robot in robots) <= 4
 
 
 def test_a_path_its_text_and_its_spec_are_the_same_arm_and_a_spec_is_not_changed():
