@@ -61,8 +61,7 @@ def run_python(page):
     names: dict[str, object] = {}
     for kind, block in BLOCKS[page]:
         if kind == "python":
-            here = block.replace("calfree_agents", "agents")  # as it stands, test_wheel runs it
-            exec(compile(here, page, "exec"), names)
+            exec(compile(block, page, "exec"), names)
 
 
 def carry_out(words, folder):

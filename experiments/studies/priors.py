@@ -177,11 +177,18 @@ def effect(name: str, word: PriorKnowledge, worlds: int = WORLDS, trials: int = 
     """Mean motions of an agent where a word of prior knowledge holds, and where it is contradicted."""
     worlds, trials = LIVES.get(name, (worlds, trials))
     alteration = ALTERATIONS[word]
-    held, contradicted = (
-        float(np.mean([motions(name, FIRST_WORLD + i, trials, each) for i in range(worlds)]))
-        for each in (Alteration("nothing", env=alteration.env), alteration)
-    )
-    return held, contradicted
+    held = _held(name, tuple(alteration.env.items()), worlds, trials)
+    return held, _mean_motions(name, alteration, worlds, trials)
+
+
+@cache
+def _held(name: str, env: tuple[tuple[str, Any], ...], worlds: int, trials: int) -> float:
+    """The same for all words that leave the environment's arguments as they are."""
+    return _mean_motions(name, Alteration("nothing", env=dict(env)), worlds, trials)
+
+
+def _mean_motions(name: str, altered: Alteration, worlds: int, trials: int) -> float:
+    return float(np.mean([motions(name, FIRST_WORLD + i, trials, altered) for i in range(worlds)]))
 
 
 def reaimed(worlds: int = 16) -> Table:
