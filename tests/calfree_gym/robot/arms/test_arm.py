@@ -58,12 +58,10 @@ def test_arms_are_different_values():
 
 
 def test_arms_that_nobody_uses_leave_memory_but_for_a_few():
-    robots = []
+    robots, hidden = [], [{"at": {"trial": 0}, "do": {"type": "occluder"}}]
     for angle in range(8):
         arm = Arm(CHAIN, "tip", home={"j2": 0.1 * angle})
-        make("SafeReach", arm=arm, perturbations=[{"at": {"trial": 0}, "do": {"type": "occluder"}}]).reset(
-            seed=0
-        )
+        make("SafeReach", arm=arm, perturbations=hidden).reset(seed=0)
         robots.append(weakref.ref(arm.robot))
     del arm
     gc.collect()
