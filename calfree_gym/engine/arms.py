@@ -433,13 +433,15 @@ class Arms(ABC):
         if not due:
             return []
         applied: list[Applied] = []
-        with self._undivided({row for *_, row in due}):
+        worlds = {row: self.world(row) for *_, row in due}
+        with self._undivided(worlds):
             for place, event, row in due:
                 count = int(counts[row])
-                world, perturbation = self._scheduler.apply(place, event, row, count, self.world(row))
-                self.enter(row, world)
+                worlds[row], perturbation = self._scheduler.apply(place, event, row, count, worlds[row])
                 if perturbation is not None:
                     applied.append((row, perturbation))
+            for row, world in worlds.items():
+                self.enter(row, world)
         return applied
 
     @contextmanager
