@@ -20,7 +20,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
 from ..servo.jacobian import Estimator, TestMotions
-from ..servo.perception import MARKER_NOISE_PX
+from ..servo.perception import ObservationFilter
 from ..servo.trial import Findings, Motions, ServoTrial
 from .identification import Identification, identify
 from .model_based import move_by_model
@@ -47,8 +47,8 @@ class RecordedTrial(ServoTrial):
     """This many more at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences (derived: 3
     times 8 coordinates)."""
 
-    def __init__(self, first: Observation) -> None:
-        findings: Findings[Estimator] = Findings(TestMotions(len(first.registers)))
+    def __init__(self, first: Observation, filter_: ObservationFilter) -> None:
+        findings: Findings[Estimator] = Findings(TestMotions(len(first.registers)), filter_)
         super().__init__(first, findings, self.FIRST_WORD, self.TEST_PX)
         self.recorded: list[Observation] = []
 
@@ -155,12 +155,12 @@ class Calibration:
     Attributes:
         measurements: Those of earlier trials, and of this one.
         known: What was identified from them; None before there were enough.
-        noise_px: Standard deviation of an image coordinate, as it was known then.
+        filter: What is known of observations.
     """
 
     measurements: Measurements
     known: Identification | None
-    noise_px: float
+    filter: ObservationFilter
 
 
 @agent(
@@ -226,7 +226,7 @@ class SelfCalibrating(ProcedureAgent):
         check_choice("motor_curve", motor_curve, MOTOR_CURVES)
         check_choice("lens", lens, LENSES)
         self.camera_mount, self.motor_curve, self.lens = camera_mount, motor_curve, lens
-        self.calibration = Calibration(Measurements.none(), None, MARKER_NOISE_PX)
+        self.calibration = Calibration(Measurements.none(), None, ObservationFilter())
         self._built = RobotModel.of(nominal(), camera_mount)
         lacking = MOTOR_CURVES[motor_curve] + LENSES[lens]
         self._identify = partial(identify, built=self._built, lacking=lacking)
@@ -241,7 +241,7 @@ class SelfCalibrating(ProcedureAgent):
         return _OF_ONE_KIND.sub(r"\1, motor_curve='cubic', lens='radial')", saved)
 
     def new_findings(self) -> Calibration:
-        return replace(self.calibration)
+        return replace(self.calibration, filter=self.calibration.filter.for_next_trial())
 
     def procedure(self, first: Observation, findings: Calibration) -> Procedure:
         """Explores if it must; then identifies and goes to the object by the model, again and again.
@@ -250,7 +250,7 @@ class SelfCalibrating(ProcedureAgent):
             first: What is observed at home.
             findings: What earlier trials have taught, and what this one adds.
         """
-        trial = RecordedTrial(first)
+        trial = RecordedTrial(first, findings.filter)
         yield from trial.begin()
         earlier, known = findings.measurements, findings.known
         validity = ValidityCheck()
@@ -273,26 +273,26 @@ class SelfCalibrating(ProcedureAgent):
                 case Validity.VALID:
                     known = latest
             findings.measurements, findings.known = measurements, latest
-            findings.noise_px = trial.noise_px
             yield from trial.go(latest.model(self._built), latest.objects[-1])
 
     def learn_trial(self, findings: Calibration, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Measurements teach the model, however the trial ends."""
         if len(findings.measurements.trial) > self.MEMORY:
             kept = findings.measurements.latest(self.MEMORY // 2)
-            noise_px = findings.noise_px
+            noise_px = findings.filter.noise.px
             known = self._identify(kept, noise_px=noise_px, known=findings.known)
-            findings = Calibration(kept, known, noise_px)
+            findings = replace(findings, measurements=kept, known=known)
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        known = self.calibration.known
-        return {} if known is None else {**vars(self.calibration.measurements), **vars(known)}
+        known, arrays = self.calibration.known, self.calibration.filter.arrays()
+        return arrays if known is None else {**arrays, **vars(self.calibration.measurements), **vars(known)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`. Files of version 0.1 are read with a warning."""
-        self.calibration = Calibration(Measurements.none(), None, MARKER_NOISE_PX)
-        if arrays:
+        self.calibration = Calibration(Measurements.none(), None, ObservationFilter())
+        self.calibration.filter.restore(arrays)
+        if "signs" in arrays:
             if "off_px" in arrays:
                 warnings.warn("arrays of version 0.1 were read: save them anew", stacklevel=3)
                 arrays = _of_version_0_1(arrays)

@@ -102,3 +102,12 @@ def test_what_was_identified_ceases_to_hold_by_contradictions_in_a_row(innovatio
     assert [check.judge(each, off_px, noise_px) for each in innovations] == judged
     check.begin()
     assert check.judge(USUAL, FAR_PX, NOISE_PX) is VALID, "until something new is identified"
+
+
+def test_how_noisy_points_are_is_known_in_the_next_trial(make_env, tmp_path):
+    noise = {"at": {"motion": 0}, "do": {"type": "point_noise", "px": 8}}
+    env = make_env(tolerance_px=16, perturbations=[noise])
+    env.reset(seed=3000)
+    agents.make("self_calibrating", env).learn(40).save(tmp_path / "known.npz")
+    agent = agents.make("self_calibrating", env).load(tmp_path / "known.npz")
+    assert 4 < agent.new_findings().filter.noise.px < 16
