@@ -42,7 +42,7 @@ def likely_mounts(pairs: Pairs, count: int | None = None) -> list[Mounts]:
     if not _moves(moved, seen.noise_px):
         return [(0, 0)]
     at_home = ~pairs.registers.any(1)
-    if not (at_home.any() and pairs.registers.any()):
+    if not (at_home.any() and seen.registers.any()):
         return [(0, 0)]
     home = np.median(pairs.sensors[at_home], axis=0)
     if not _moves(pairs.sensors - home, pairs.noise_px):

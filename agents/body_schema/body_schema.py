@@ -1,6 +1,5 @@
 """Learns what its body is, over any servo: robotics calls that a body schema (Hoffmann et al. 2010)."""
 
-import copy
 from collections.abc import Generator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT, rounded
 
-from ..base.checks import checked_array
 from ..base.observation import POINTS, Array, Observation, RawObservation, camera_lengths_px
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
@@ -167,7 +165,6 @@ class BodySchema(ServoAgent):
 
     Attributes:
         body: What it takes its arm and cameras for.
-        stops: Where motors are known to stop.
 
     Args:
         servo: Reaches what its own knowledge does not.
@@ -193,11 +190,10 @@ class BodySchema(ServoAgent):
             PriorKnowledge.WORD_LIMIT,
         }
         self.body = Body(self.motors, seed)
-        self.stops = Stops(np.zeros(self.motors))
 
     def new_findings(self) -> Findings[Any]:
         findings = super().new_findings()
-        findings.stops = copy.copy(self.stops)
+        findings.stops = Stops(np.zeros(self.motors))
         return findings
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
@@ -264,7 +260,8 @@ class BodySchema(ServoAgent):
         home, known, noise_px = at_home(Observation.of(first)), self.body.known, self.filter.noise.px
         if known is None or not home.visible.all():
             return None
-        return self._off_px(MeetingSeeker(known, home.object, home, noise_px, self.stops).seek(), known)
+        seeker = MeetingSeeker(known, home.object, home, noise_px, Stops(home.registers))
+        return self._off_px(seeker.seek(), known)
 
     def _off_px(self, place: Meeting, known: Known) -> float:
         """How far off it will be there: where the chain does not fit, as far as in earlier trials or more."""
@@ -273,11 +270,8 @@ class BodySchema(ServoAgent):
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
         super().learn_trial(findings, last, ended)
-        self.stops, changes = _stops(findings), len(self.body.events)
         if findings.trusted:
             self.body.learn(self._pairs(findings))
-        if len(self.body.events) > changes:
-            self.stops = Stops(np.zeros(self.motors))
 
     @property
     def events(self) -> Sequence[BodyEvent]:
@@ -289,21 +283,11 @@ class BodySchema(ServoAgent):
         return f"BodySchema over {self.servo!r}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        lowest, highest = np.where(np.isfinite(self.stops.found), self.stops.found, np.nan)
-        stops = {"lowest": lowest, "highest": highest, "been": self.stops.been}
-        return super().arrays() | self.body.arrays() | stops
+        return super().arrays() | self.body.arrays()
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         super().restore(arrays)
         self.body.restore(arrays)
-        stops = Stops(np.zeros(self.motors))
-        if "been" in arrays:  # files of 0.1 have none
-            stops.been = checked_array(arrays, "been", (2, self.motors))
-        found = [
-            checked_array(arrays, name, (self.motors,), allow_nan=True) for name in ("lowest", "highest")
-        ]
-        stops.found = np.where(np.isnan(found), stops.found, found)
-        self.stops = stops
 
 
 def _stops(findings: Findings[Any]) -> Stops:

@@ -93,7 +93,7 @@ def test_an_agent_loads_from_paths_and_open_files_and_acts_and_learns_on_alike(l
     assert make(name)[0].load(file).num_timesteps == 80, "from its beginning: it stands at its end"
 
 
-OPTIONAL = {"announced", "been", "home_differences", "home_trials", "jacobian", "last_home", "looks_teach"}
+OPTIONAL = {"announced", "home_differences", "home_trials", "jacobian", "last_home", "looks_teach"}
 OPTIONAL |= {"mistaken", "noise_differences", "rests", "returns", "smooth_lengths"}
 OPTIONAL |= {"slope_registers", "slope_variances"}
 """Arrays that files of earlier versions lack."""

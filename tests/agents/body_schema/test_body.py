@@ -1,5 +1,7 @@
 """A body against chains that are known: how it is found, what has changed, where gripper and object meet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -163,3 +165,11 @@ def test_what_is_known_but_for_some_is_the_marginal_of_the_others():
 def test_the_mount_is_among_the_guesses(mount):
     arm = Arm("redundant.xml", "tool", mount)
     assert (mount, mount) in likely_mounts(arm.pairs(trials=6, seed=8, reach=0.2), Body.GUESSES)
+
+
+def test_an_object_that_was_seen_at_home_alone_tells_of_no_mount():
+    """Somebody moved it before the first motion, and it was hidden after that."""
+    pairs = Arm("redundant.xml", "tool", 3).pairs(trials=2, seed=8, reach=0.2)
+    away = pairs.registers.any(1)
+    objects = np.where(away[:, None], np.nan, pairs.homes + 0.5)
+    assert likely_mounts(replace(pairs, objects=objects)) == [(0, 0)]

@@ -34,6 +34,7 @@ REDUNDANT = arm_file("redundant.xml", "tool", home="home")
 def test_after_a_few_trials_the_first_motion_ends_at_the_rendezvous(make_env, live, mount, arm):
     agent, lengths = live("body_schema", make_env(mount, **arm), seed=1, trials=20)
     assert np.mean(lengths[8:]) <= 1.5
+    assert not agent.new_findings().stops.been.any(), "trials begin at home"
     observation, _ = agent.env.reset()
     assert agent.expected_px(observation) < 4, "it says how far off it will be"
     assert agents.make("body_schema", make_env(mount, **arm)).expected_px(observation) is None
@@ -106,7 +107,14 @@ def test_a_motor_that_another_one_stopped_is_free_again_in_the_next_trial():
 def test_where_the_chain_does_not_lead_the_servo_finds_out_by_itself_where_motors_stop(make_env, monkeypatch):
     """A motor that another's posture stopped before may have to go beyond."""
     agent, given = agents.make("body_schema", make_env()), []
-    agent.stops.found[1, 0] = 0.1
+    new_findings = agent.new_findings
+
+    def stopped():
+        findings = new_findings()
+        findings.stops.found[1, 0] = 0.1
+        return findings
+
+    monkeypatch.setattr(agent, "new_findings", stopped)
     servo, call = type(agent.servo), type(agent.servo).__call__
     monkeypatch.setattr(
         servo,
@@ -115,4 +123,3 @@ def test_where_the_chain_does_not_lead_the_servo_finds_out_by_itself_where_motor
     )
     agent.predict(agent.env.reset(seed=0)[0])
     assert not np.isfinite(given[0]).any()
-    assert agent.stops.found[1, 0] == 0.1
