@@ -12,7 +12,7 @@ from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.storage import prefixed, under
-from ..memory.pairs import HomeView
+from ..memory.pairs import Cameras, HomeView
 from ..servo.perception import ObservationFilter
 from .images import ImageRegression
 from .looks import RegressionLooks
@@ -22,9 +22,9 @@ from .reach import RegressionFindings, RegressionReach
 class RegressionAgent(ProcedureAgent):
     """Learns from every look. It knows two changes of the world.
 
-    A camera that sees the gripper elsewhere at home than in the last trials has been moved: its points are
-    forgotten. Its home views of earlier objects stay, as features of what the other camera saw. Where another
-    trial comes no nearer, the looks of earlier trials are forgotten.
+    A camera that twice sees the gripper elsewhere at home than in the last trials has been moved: its points
+    are forgotten. Its home views of earlier objects stay, as features of what the other camera saw. Where
+    another trial comes no nearer, the looks of earlier trials are forgotten.
 
     Attributes:
         looks: The latest, to begin anew with.
@@ -59,14 +59,21 @@ class RegressionAgent(ProcedureAgent):
     def procedure(self, first: Observation, findings: RegressionFindings) -> Procedure:
         """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
-        jumped = np.zeros(2, bool)
+        jumped = self._jumped(now)
+        if jumped.any():  # unless a point was mistaken
+            now = yield from findings.filter.first((yield np.zeros_like(now.registers)))
+            jumped &= self._jumped(now)
         if now.shows_gripper and not now.registers.any():
             findings.gripper_home = now.gripper
-            jumped = self.home.jumped(now.gripper)
         if jumped.any():
             findings.begin_anew(self._unlearned, findings.looks.without(jumped))
         unlearned = None if jumped.any() else self._unlearned
         yield from RegressionReach(now, findings, unlearned).go()
+
+    def _jumped(self, now: Observation) -> Cameras:
+        """Which cameras show the gripper elsewhere at home than in the last trials."""
+        at_home = now.shows_gripper and not now.registers.any()
+        return self.home.jumped(now.gripper) if at_home else np.zeros(2, bool)
 
     def learn_trial(self, findings: RegressionFindings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""

@@ -1,5 +1,6 @@
 """`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera; their regression."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -7,12 +8,14 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base.observation import Observation
 from agents.rivals import train
 from agents.rivals.prior import KEPT, load_prior
 from agents.rivals.regression_agent import RegressionAgent
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
 from experiments.running.run import world_seeds
+from tests.agents.trials import carry_out
 from tests.arms.own import ARMS
 
 CONFIGS = (Path(__file__).parents[3] / "configs").glob("*.yaml")
@@ -41,6 +44,16 @@ def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live
     assert forgotten >= 12, "six trials: at home, and after a motion at least"
     assert left[forgotten:].all()
     assert right.all()
+
+
+def test_a_camera_that_was_once_mistaken_at_home_is_not_forgotten(name, live, make_env):
+    agent, _ = live(name, env := make_env(), UNSEEN, trials=4)
+    right = Observation.of(env.reset()[0])
+    mistaken = replace(right, points=right.points + np.array([[0.5], [0.0], [0.0], [0.0]]))
+    findings, looks = agent.new_findings(), agent.looks
+    carry_out(agent.procedure(mistaken, findings), lambda _: right, most=1)
+    assert np.isfinite(findings.looks.points[: len(looks)]).sum() == np.isfinite(looks.points).sum()
+    np.testing.assert_array_equal(findings.gripper_home, right.gripper)
 
 
 def test_of_a_long_life_the_latest_looks_are_kept_and_a_moved_camera_is_met_by_them(
