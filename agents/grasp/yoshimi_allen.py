@@ -146,7 +146,7 @@ class Tool:
         """How far the hole is seen from the tool's axis (2,), left and right, in image units; signed."""
         way, axis = self.now.points[OBJECT] - self.now.points[TIP], self._axis
         sides = axis[:, 0] * way[:, 1] - axis[:, 1] * way[:, 0]
-        return np.asarray(sides / np.linalg.norm(axis, axis=1))
+        return np.asarray(sides / np.maximum(np.linalg.norm(axis, axis=1), IMAGE_UNIT))
 
     @property
     def off_px(self) -> float:
@@ -157,7 +157,7 @@ class Tool:
     def _depth(self) -> float:
         """How deep the peg's end is, in gripper lengths, as both images tell."""
         axis, way = self._axis.ravel(), (self.now.points[TIP] - self.now.points[OBJECT]).ravel()
-        return float(way @ axis / (axis @ axis))
+        return float(way @ axis / max(axis @ axis, IMAGE_UNIT**2))
 
     def _features(self) -> Array:
         return np.append(self.errors, self._depth)
@@ -207,9 +207,9 @@ class Tool:
             back = self.errors[i] > 0
             before, registers = self.errors, self.now.registers[:ARM]
             yield from self._move(-way if back else way)
-            share = (self.now.registers[:ARM] - registers) @ way / (way @ way)
-            if abs(share) > 0.1:
-                self._jacobian[:, i] = (self.errors - before) / share
+            along, square = (self.now.registers[:ARM] - registers) @ way, way @ way
+            if abs(along) > 0.1 * square:
+                self._jacobian[:, i] = (self.errors - before) / (along / square)
 
     def servo(self, depth: float) -> Motions:
         """Brings the axis over the hole, and the peg's end to a depth; ends where that makes it no better."""

@@ -48,3 +48,10 @@ def test_turning_the_tool_shows_its_axis():
         true = info["truth"]["points"].reshape(-1, 2, 2)
         errors.append(PIXELS_PER_UNIT * np.linalg.norm(axis_of(looks) - (true[0] - true[1]), axis=-1))
     assert np.median(errors) < 1.5
+
+
+def test_yoshimi_allen_bears_a_camera_that_sees_nothing():
+    away = {"at": {"trial": 0}, "do": {"type": "camera_aim", "camera": "right", "degrees": 90}}
+    env = gym.make(INSERT, perturbations=[away], keep_in_view=False, max_episode_steps=20)
+    (record,) = evaluate(agents.make("yoshimi_allen", env), env, 1, seed=3)
+    assert record.motions == 20
