@@ -35,6 +35,10 @@ class ContactArms(Arms):
 
         return serves
 
+    def can_begin(self, row: int) -> Callable[[World], bool]:
+        """See `Arms`: the task can be done in enough places."""
+        return self.also_in_view(row)
+
     @abstractmethod
     def serves(self, row: int, world: World) -> bool:
         """Whether the task can be done in enough places of a world, into which the row is put."""

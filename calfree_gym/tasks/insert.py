@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -152,10 +152,6 @@ class InsertArms(ContactArms):
     def serves(self, row: int, world: World) -> bool:
         """See `ContactArms`: there is a place for holes."""
         return self._holes.serves(row, world)
-
-    def can_begin(self, row: int) -> Callable[[World], bool]:
-        """See `Arms`: there is a place for holes."""
-        return self.also_in_view(row)
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: poses of plates (n, 7); given are holes' centres (n, 3)."""

@@ -209,7 +209,10 @@ def test_a_world_in_which_the_arm_touches_at_home_is_named():
         env.reset(seed=0)
 
 
-@pytest.mark.parametrize(("task", "joint", "degrees"), [("SafeReach", "J2", -2.0), ("Insert", "J4", 2.0)])
+@pytest.mark.parametrize(
+    ("task", "joint", "degrees"),
+    [("SafeReach", "J2", -2.0), ("Grasp", "J4", 3.0), ("Insert", "J4", 2.0)],
+)
 def test_a_drift_turns_back_before_no_trial_can_begin(task, joint, degrees):
     do = {"type": "joint_zero", "joint": joint, "degrees": degrees}
     env = make(task, world="nominal", perturbations=[{"drift": {"per": "trial"}, "do": do}])
