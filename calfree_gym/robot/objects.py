@@ -73,8 +73,9 @@ AT_ONCE = 2048
 """About so many candidates, of all rows, are judged at once (a guard: it saves time)."""
 AHEAD = 8
 """An arm that begins another trial in its world draws the objects of so many (a guard: it saves time)."""
-APART_SIGMAS = 6
-"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
+APART_SIGMAS, MOST_APART = 6, 0.5
+"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise, but by no
+more than a quarter of the image (in image units; choice: few objects are farther away)."""
 
 
 class ObjectDraws(OfWorlds):
@@ -113,7 +114,8 @@ class ObjectDraws(OfWorlds):
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the noise of `world`: no object starts where noise may show a rendezvous."""
-        self._apart[row] = self._tolerance + APART_SIGMAS * world.point_noise * IMAGE_UNIT
+        of_noise = np.minimum(APART_SIGMAS * world.point_noise * IMAGE_UNIT, MOST_APART)
+        self._apart[row] = self._tolerance + of_noise
         self._ahead[row].clear()
 
     def note_worlds(self) -> None:

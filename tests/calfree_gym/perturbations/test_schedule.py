@@ -290,3 +290,10 @@ def test_an_event_in_view_is_the_first_draw_that_is_in_view():
         assert (first == world) == in_view_of[-1]
     assert np.unique(directions).size == 24
     assert len(set(in_view_of)) == 2
+
+
+@pytest.mark.parametrize("world", ["nominal", "wild"])
+def test_however_noisy_points_are_trials_begin(world):
+    loud = {"at": {"trial": 1}, "do": {"type": "point_noise", "px": 512}}
+    for seed in range(20):
+        begun(made([loud], world=world), seed).reset()
