@@ -413,3 +413,12 @@ def test_worlds_and_starts_have_all_tags_in_view():
             assert env.arms._workspaces.seen(env.arms.rolling.before_dock()[:, None], np.array([0])).all()
     with pytest.raises(ValueError, match="all by tags of 13 pixels or more"):
         seeing(world=built(focal_length=[130.0]))
+
+
+def test_a_world_that_was_set_keeps_its_goal_though_others_are_redrawn():
+    for redraw in ("never", "trial"):
+        knock = {"at": {"trial": 2}, "do": {"type": "camera_roll", "degrees": 3}}
+        env = begun(make("Dock", goal="shown", redraw=redraw, perturbations=[knock]))
+        env.unwrapped.set_world(env.unwrapped.world)
+        first, after = (env.reset()[0]["desired_goal"] for _ in range(2))
+        np.testing.assert_array_equal(first, after)
