@@ -555,6 +555,7 @@ class Arms(ABC):
         self.delivered = tuple(each.copy() for each in self.delivered)
         for delivered, of_row in zip(self.delivered, state["delivered"], strict=True):
             delivered[row] = of_row
+        self._moved[row] = False
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
         """Puts rows whose first trial is over into the next trial's world."""

@@ -172,7 +172,7 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
             seconds, applied = self.arms.move(slice(None), words)
-        elif self.autoreset_mode is AutoresetMode.NEXT_STEP:
+        elif self.autoreset_mode is not AutoresetMode.DISABLED:
             applied = self._begin(beginning)
             moving = np.flatnonzero(~over)
             if len(moving):

@@ -258,6 +258,8 @@ class ReachArms(Arms):
         """
         objects = self.simulation.positions()[1]
         for row in range(self.rows):
+            if self.needs_seed(row):
+                continue
             wanted = self.world(row), objects[row].tobytes()
             if self._solved[row] != wanted:
                 self._solved[row] = wanted

@@ -247,6 +247,16 @@ def resident_megabytes():
     return int(line.split()[1]) / 1024
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_held_thing_is_held_alike_whatever_was_done_before(seed):
+    fresh, used = (make("Grasp", orientation="any", terminate_on_success=False) for _ in range(2))
+    trajectory(used, 50)
+    for env in (fresh, used):
+        env.reset(seed=seed)
+    for word in words(seed, *fresh.action_space.shape, motions=6, size=0.5):
+        assert_same(fresh.step(word)[-1]["truth"], used.step(word)[-1]["truth"])
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not STATUS.exists(), reason="reads memory from /proc")
 @pytest.mark.parametrize("keep_in_view", [True, False])

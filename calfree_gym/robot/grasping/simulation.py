@@ -142,6 +142,7 @@ class GraspSimulation(Simulation):
         self._body = int(model.body("object").id)
         self._fields = {name: self._batch.expand(name) for name in self._bind_object(model)}
         self._weights = self._batch.bind("xfrc_applied")[:, self._body, 2]
+        self._warm = self._batch.bind("qacc_warmstart")
         self._at_rest = self._physics[0].copy()
         self._pressing = np.zeros(rows)
         self.diverged = np.zeros(rows, bool)
@@ -181,7 +182,7 @@ class GraspSimulation(Simulation):
         self._all_qpos[rows, self._qpos] = joints
         self._all_ctrl[rows, self._ctrl] = joints
         self._put(rows, objects)
-        self._pressing[rows], self.diverged[rows] = 0.0, False
+        self._pressing[rows], self.diverged[rows], self._warm[rows] = 0.0, False, 0.0
 
     def _put(self, rows: Rows, objects: Array) -> None:
         """Puts objects at their places, see `place`."""

@@ -274,3 +274,14 @@ def test_a_motion_before_which_an_event_fails_applies_none_and_a_drift_goes_on_f
             env.step(np.zeros(3))
         assert env.world == before
     assert env.get_state()["_scheduler"]["_drifts"] == {}
+
+
+def test_a_copy_looks_no_more_often_than_what_it_is_of():
+    """A tracker of grasps remembers what it saw; rows of a mask begin, and others only look."""
+    rows = make("Grasp", rows=2, observation="vision", autoreset_mode="Disabled")
+    rows.reset(seed=4)
+    for words in np.random.default_rng(1).uniform(-0.3, 0.3, (3, 2, 5)):
+        rows.step(words)
+    again = copy.deepcopy(rows)
+    mask = {"reset_mask": np.array([True, False])}
+    assert_same(rows.reset(options=mask)[0], again.reset(options=mask)[0])

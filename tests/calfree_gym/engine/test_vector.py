@@ -237,3 +237,18 @@ def test_same_step_infos_count_perturbations_of_rows_that_are_not_over():
     *_, infos = env.step(np.zeros((2, 3)))
     np.testing.assert_array_equal(infos["perturbed"], [0, 1])
     np.testing.assert_array_equal(infos["final_info"]["perturbed"], [1, 1])
+
+
+def test_a_row_that_was_never_begun_has_no_registers_at_an_object():
+    env = kinematic(rows=2, tell=("object_registers",))
+    observation, _ = env.reset(seed=1, options={"reset_mask": np.array([True, False])})
+    assert observation["object_registers"][0].any()
+    assert not observation["object_registers"][1].any()
+
+
+def test_a_trial_that_was_over_in_a_state_is_followed_by_the_next():
+    one, rows = kinematic(), begun(kinematic(rows=2, max_episode_steps=1, autoreset_mode="SameStep"))
+    begun(one).step(np.zeros(3))
+    rows.unwrapped.set_state(one.unwrapped.get_state())
+    rows.step(np.zeros((2, 3)))
+    assert (rows.unwrapped.arms.trials == 2).all()
