@@ -119,11 +119,11 @@ class Checkpoints(Onlooker):
         assert run.evaluation is not None
         self._evaluation = run.evaluation
         self._env = run.scenario.env.make(tell=self.agent.privileged)
-        self._once = {
-            (event.clock, event.at)
+        self._once = [
+            event
             for event in parse_schedule(list(run.scenario.perturbations))
-            if not event.every
-        }
+            if not event.every and (event.clock, event.at) != ("trial", 0)  # with which the life began
+        ]
         self._scheduled: set[int] = set()
         self._schedule()
         self._again = False
@@ -143,7 +143,9 @@ class Checkpoints(Onlooker):
     def after_change(self) -> None:
         """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
         motions, trial, _ = self.recorder.perturbations[-1]
-        once = not self._once.isdisjoint({("motion", motions), ("trial", trial)})
+        counts = {"motion": motions, "trial": trial}
+        ahead = [event for event in self._once if event.at > counts[event.clock]]
+        once, self._once = len(ahead) < len(self._once), ahead
         if once and self._evaluation.begins_anew:
             self._schedule()
         if once or not self._again:

@@ -142,6 +142,13 @@ def test_nothing_is_learned_between_the_checkpoints_around_a_perturbation(suite_
     assert seen[before][0] == seen[0][0] != seen[after][0] == seen[-1][0]
 
 
+def test_from_the_trial_of_a_perturbation_checkpoints_of_rows_are_counted_anew(suite_data, live):
+    suite_data["scenarios"][0]["perturbations"] = [{"at": {"trial": 2}, "do": TURN}]
+    suite_data["scenarios"][0]["env"]["tolerance_px"] = 0.01  # never reached: 4 trials end at 80 motions
+    made, _ = live(PPO, at=[0, 8])
+    assert made == [(0, None), (8, None), (80, None), (80, 0), (88, 8), (160, 80)]
+
+
 def test_each_of_several_perturbations_has_its_own_stretch(suite_data, live):
     suite_data["scenarios"][0] |= {
         "motions": 60,
