@@ -20,6 +20,11 @@ _ONE_THREAD = dict.fromkeys(
 )
 
 
+def _import_path() -> str:
+    """Where this process finds modules, from whatever folder."""
+    return os.pathsep.join(str(Path(each).absolute()) for each in sys.path)
+
+
 class Worker:
     """A process that has imported what a run needs, and makes each run in a copy of itself, one at a time.
 
@@ -31,7 +36,7 @@ class Worker:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "experiments.running.worker"],
             cwd=REPOSITORY,
-            env={**os.environ, **_ONE_THREAD, "PYTHONHASHSEED": "0"},
+            env={**os.environ, **_ONE_THREAD, "PYTHONHASHSEED": "0", "PYTHONPATH": _import_path()},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -5,7 +5,6 @@ import json
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.environment import digest
@@ -91,8 +90,8 @@ class SweepRun(Run):
 
 def parse_run(text: str | bytes) -> LifetimeRun | SweepRun:
     """Reads what `model_dump_json` of a run wrote."""
-    kinds: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
-    return kinds.validate_json(text)
+    kind: type[LifetimeRun | SweepRun] = SweepRun if "sweep" in json.loads(text) else LifetimeRun
+    return kind.model_validate_json(text)
 
 
 def runs_of(suite: Suite) -> list[Run]:

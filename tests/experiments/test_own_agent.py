@@ -33,9 +33,9 @@ class Own(RandomAgent):
 
 @pytest.fixture
 def write(tmp_path, monkeypatch):
-    """Writes `lab/servo.py`, which Python finds, as a user would have changed it."""
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    """Writes `lab/servo.py` in the current folder, as a user would have changed it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend("")
     (tmp_path / "lab").mkdir()
 
     def forget():

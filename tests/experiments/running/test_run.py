@@ -1,6 +1,7 @@
 import math
 
 import pytest
+from pydantic import ValidationError
 
 from experiments.running.run import parse_run
 from tests.experiments.fakes import ids, runs
@@ -54,6 +55,13 @@ def test_who_else_takes_part_is_no_part_of_a_run(suite_data):
     alone = {*ids(suite_data)}
     suite_data["scenarios"][0]["evaluation"] = suite_data["evaluation"]
     assert {*ids(suite_data)} == alone < few
+
+
+def test_what_a_run_lacks_is_told_of_its_kind_alone(suite_data):
+    written = runs(suite_data)[0].model_dump_json().replace('"name":"random"', '"name":"no_lab:random"')
+    with pytest.raises(ValidationError, match="Python finds no module 'no_lab'") as error:
+        parse_run(written)
+    assert error.value.error_count() == 1
 
 
 def test_a_run_is_read_as_it_was_written_infinite_settings_too(suite_data):
