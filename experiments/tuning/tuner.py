@@ -273,7 +273,7 @@ class Tuner:
     def _try(self) -> None:
         k, left = len(self._study.tries), 60 * self.config.cpu_minutes
         left -= sum(each.cpu_seconds for each in self._study.tries)
-        known = len(self._lived)
+        known = self._lived.copy()
         trial, settings = self._study.begin()
         if earlier := self._study.earlier(settings):
             found = Try(settings, "repeated", earlier.objective, earlier.worlds, 0.0, earlier.error)
@@ -284,7 +284,7 @@ class Tuner:
             if found.state == "failed" and k == 0:
                 raise DefaultsFailError(f"with its default settings it fails: {found.error}")
         self._study.end(trial, found)
-        if earlier or len(self._lived) > known:
+        if earlier or self._lived != known:
             self.say(f"{self.name}: {self._described(k, found)}")
 
     def _tried(self, settings: dict[str, Any], left: float, trial: Any) -> Try:
@@ -307,8 +307,9 @@ class Tuner:
         return Try(settings, state, objective, tuple(worlds), used, error)
 
     def _life(self, run: LifetimeRun, cpu_seconds: float) -> Lived:
-        """What a lifetime came to, which is made unless it was made before."""
-        if run.id not in self._lived:
+        """What a lifetime came to, which is made unless it was made before, or ran out of as much time."""
+        made = self._lived.get(run.id)
+        if made is None or (made.value is made.error is None and cpu_seconds > made.cpu_seconds):
             self._lived[run.id] = self.make(run, cpu_seconds, self._log)
             with self._journal.open("a", encoding="utf-8") as journal:
                 journal.write(json.dumps([run.id, self._lived[run.id]]) + "\n")

@@ -84,6 +84,14 @@ def test_the_first_try_alone_is_too_dear(tune):
     assert found["check"] is None
 
 
+def test_a_try_that_ran_out_of_time_is_made_again_where_more_is_left(tune):
+    lifetimes = KnownLifetimes(quadratic, cpu_seconds=40.0)
+    assert tune(lifetimes, cpu_minutes=1.0)["tries"][0]["state"] == "out of time"
+    undisturbed = tune(lifetimes, cpu_minutes=10, journal="undisturbed")
+    for _ in range(2):
+        assert tune(lifetimes, cpu_minutes=10) == undisturbed
+
+
 def test_the_default_settings_stay_unless_the_whole_interval_favours_others(tune):
     def better_in_the_worlds_of_tries_alone(settings, world):
         gain = 1.0 if world < 2 else (-1.0) ** world
