@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,9 +16,8 @@ import agents
 TOLD = "told"
 """The context in which suites are read that results tell of: nothing is imported, for a stranger may have
 written them."""
-_KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
-_WEIGHTS = ("*.npz", "*.onnx", "*.pt", "*.pth", "*.zip")
-"""Other files in which learners of the user's may be kept."""
+_KINDS = ("*.py", "*.xml", "*.yaml", "*.npz", "*.onnx", "*.pt", "*.pth", "*.safetensors", "*.zip")
+"""Code, arms and settings, and the files in which learners may be kept."""
 _OURS = ("__main__", "agents", "calfree_agents", "calfree_gym", "experiments")
 _NAME = re.compile(r"[\w.]+:[\w.-]+")
 
@@ -63,7 +62,7 @@ def code_of(module: str) -> str:
         found = {root for name in sorted(names) for root in _roots(name) if root.parent == first.parent}
         new = sorted(found.difference(roots))
         roots += new
-    return hash_of(roots, first.parent, (*_KINDS, *_WEIGHTS))
+    return hash_of(roots, first.parent)
 
 
 def _roots(name: str) -> list[Path]:
@@ -87,11 +86,11 @@ def _imported(source: Path) -> Iterator[str]:
             yield node.module.partition(".")[0]
 
 
-def hash_of(roots: Iterable[Path], above: Path, kinds: Sequence[str] = _KINDS) -> str:
-    """A hash over files, and over all files of these kinds in folders, by their names below `above`."""
+def hash_of(roots: Iterable[Path], above: Path) -> str:
+    """A hash over files, and over all files of `_KINDS` in folders, by their names below `above`."""
     digest = hashlib.sha256()
     for path in roots:
-        files = [path] if path.is_file() else [file for kind in kinds for file in path.rglob(kind)]
+        files = [path] if path.is_file() else [file for kind in _KINDS for file in path.rglob(kind)]
         for file in sorted(files):
             digest.update(str(file.relative_to(above)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:12]

@@ -47,6 +47,7 @@ from experiments.reporting.finished_suite import (
     distance_tables,
     distances,
     few_worlds,
+    judged_alike,
     where_it_stands,
     with_cost,
 )
@@ -264,12 +265,12 @@ _ARMS = (
 def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
     """Whether scenarios differ in their arms, each a lifetime of trials in which no world is perturbed.
 
-    All of as many trials, and with the same agents: else they do not stand side by side.
+    All of as many trials, judged alike and with the same agents: else they do not stand side by side.
     """
     arms = {json.dumps(scenario.env.model_dump(mode="json")["arm"], sort_keys=True) for scenario in scenarios}
     steady = all(each.trials and not each.perturbations for each in scenarios)
     alike = len({(each.trials, each.agents) for each in scenarios}) == 1
-    return steady and alike and len(arms) > 1
+    return steady and alike and judged_alike(scenarios) and len(arms) > 1
 
 
 def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[Section]:

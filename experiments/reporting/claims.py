@@ -98,7 +98,7 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
 
     It is the mean over worlds of shares and of their differences, and the median over worlds of motions and
     seconds, and of their differences in the same worlds. A world without such trials, as
-    where a lifetime was over before, is left out; None where none is left.
+    where a lifetime was over before, is left out; None where none is left, and of a change relative to zero.
     """
     part = _part(suite, criterion.of)
     chosen = []
@@ -120,6 +120,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
         return None
     mine, others = (of_worlds[both].to_numpy() for of_worlds in values)
     if criterion.relative:
+        if not others.any():
+            return None
         return Measured(relative_change(others, mine), len(both))
     paired = paired_shares if is_share(criterion) else paired_motions
     return Measured(paired(mine, others, ENOUGH_TO_FAIL), len(both))
@@ -184,7 +186,7 @@ def _most(trials: pd.DataFrame) -> Measured | None:
     """Motions that 95 % of the trials need no more of."""
     if trials.empty:
         return None
-    most = np.quantile(trials[MOTIONS], 0.95, method="averaged_inverted_cdf")
+    most = np.quantile(trials[MOTIONS], 0.95, method="inverted_cdf")
     return Measured(Estimate(float(most)), trials["world"].nunique())
 
 

@@ -131,6 +131,11 @@ def about(finished: FinishedSuite, scenario: ScenarioConfig) -> str:
     )
 
 
+def judged_alike(parts: Sequence[ScenarioConfig | SweepConfig]) -> bool:
+    """Whether they may stand side by side: as many motions for a failure, one tolerance, as many worlds."""
+    return len({(each.env.max_episode_steps, each.env.tolerance_px, each.worlds) for each in parts}) == 1
+
+
 def _span(amounts: set[int]) -> str:
     return f"{min(amounts):,} to {max(amounts):,}" if len(amounts) > 1 else f"{max(amounts, default=0):,}"
 

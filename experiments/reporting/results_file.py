@@ -192,7 +192,8 @@ def gather(out: Path) -> Path:
             if (report := folder_of(out, run.id) / FAILED).exists()
         },
     }
-    rows = [_rows(folder_of(out, run.id), run, bool(suite.claims)) for run in done]
+    asked = bool(suite.claims or suite.required)
+    rows = [_rows(folder_of(out, run.id), run, asked) for run in done]
     _write(pa.concat_tables(rows) if rows else SCHEMA.empty_table(), about, out / RESULTS)
     write_whole(out / TIMES, _times(out, done).to_csv(index=False))
     return out / RESULTS
@@ -272,7 +273,7 @@ def _outcome(folder: Path) -> dict[str, Any]:
 
 
 def _rows(folder: Path, run: Run, first_motions: bool) -> pa.Table:
-    """A run's trials, as its log has them; without what only claims ask of own trials, where none do."""
+    """A run's trials, as its log has them; first motions of own trials only where a criterion may ask."""
     path = folder / TRIALS
     of_run = {"run": run.id, **run.where}
     try:

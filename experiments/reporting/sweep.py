@@ -39,6 +39,7 @@ from experiments.reporting.finished_suite import (
     distance_tables,
     distances,
     few_worlds,
+    judged_alike,
     where_it_stands,
     with_cost,
 )
@@ -162,9 +163,10 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
                 summary=[*_summary(each)],
             )
         )
-    if len(found) < 2:
+    sweeps = [each.sweep for each in found]
+    if len(sweeps) < 2 or not judged_alike(sweeps):
         return sections
-    together = save(sweeps_figure([each.sweep for each in found], curves, said[0]), folder, "_all")
+    together = save(sweeps_figure(sweeps, curves, said[0]), folder, "_all")
     return [Section(title="All sweeps", figures={"_all": together}), *sections]
 
 

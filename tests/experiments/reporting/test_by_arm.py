@@ -76,5 +76,5 @@ def test_only_steady_scenarios_with_several_arms_are_set_side_by_side(out):
     assert not many_arms(())
     aimed = scenarios[1].model_copy(update={"perturbations": ({"at": {"trial": 1}},)})
     assert not many_arms((scenarios[0], aimed))
-    for other in ({"agents": ("random",)}, {"trials": 99}):
+    for other in ({"agents": ("random",)}, {"trials": 99}, {"worlds": 99}):
         assert not many_arms((scenarios[0], scenarios[1].model_copy(update=other)))

@@ -89,6 +89,13 @@ def test_differences_are_paired_over_worlds(rng):
     assert found.high < -2  # although worlds differ by far more than that
     relative = found_in(both, "motions", than=than, relative=True).estimate
     assert relative.value == pytest.approx(mine.mean() / others.mean() - 1)
+    never = pd.concat([both[:80], both[80:].assign(success=False)])
+    assert found_in(never, "success", than=than, relative=True) is None, "it changes from nothing"
+
+
+def test_of_twenty_trials_one_may_need_more_motions_than_95_percent():
+    motions = np.array([[3]] * (WORLDS - 1) + [[CAP]])
+    assert found_in(rows("paper_servo", motions), "most_motions").estimate.value == 3
 
 
 def test_trials_are_chosen_by_number_checkpoint_or_value():

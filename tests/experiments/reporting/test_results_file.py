@@ -10,8 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.__main__ import main
+from experiments.config.claims import Requirement, TrialsOf
 from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
+from experiments.reporting import results_file
 from experiments.reporting.report import computing_section, films_in
 from experiments.reporting.results_file import (
     METADATA,
@@ -49,6 +51,17 @@ def test_the_report_is_made_from_the_file_alone(finished_once, parquet, tmp_path
     shutil.copy(finished_once / "timings.csv", tmp_path)
     assert main(["report", str(parquet), "--out", str(tmp_path / "again")]) == 0
     assert files(tmp_path / "again") == files(finished_once)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_first_motions_of_own_trials_are_kept_where_a_criterion_asks(finished, monkeypatch, asked):
+    suite, command = read_suite(finished[1])
+    of = TrialsOf(agent=suite.agents[0].label, scenario=suite.scenarios[0].name, trials=(1, 2))
+    required = (Requirement(measure="first_motion", of=of, at_least=0.5),) * asked
+    told = suite.model_copy(update={"required": required})
+    monkeypatch.setattr(results_file, "read_suite", lambda _: (told, command))
+    own = pd.read_parquet(gather(finished[1])).query("phase == 'train'")
+    assert own["motions_to_16"].notna().any() == asked
 
 
 def test_times_stand_in_a_file_of_their_own(finished_once, parquet, tmp_path):

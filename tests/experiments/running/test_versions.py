@@ -11,7 +11,8 @@ from experiments.running.versions import REPOSITORY, WHAT_MAKES_A_RESULT
 
 def sources(folder):
     """Code, arms, trained weights and tuned settings."""
-    return [file for kind in ("*.py", "*.safetensors", "*.xml", "*.yaml") for file in folder.rglob(kind)]
+    kinds = ("*.py", "*.npz", "*.safetensors", "*.xml", "*.yaml")
+    return [file for kind in kinds for file in folder.rglob(kind)]
 
 
 def imported_from(path, seen):
