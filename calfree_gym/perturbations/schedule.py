@@ -256,9 +256,9 @@ def _not_asked(row: int) -> None:
 class PerturbationScheduler:
     """Changes the worlds of N rows when events of a schedule are due.
 
-    What an event draws depends on the row's seed, the event's place in the schedule and the count of motions
-    or trials at which it is applied (a drift: not on the count). With `keep_in_view` it also depends on the
-    world at that moment, because draws out of view are repeated.
+    What an event draws depends on the row's seed, the event's place in the schedule and, where it comes again
+    and again, the count of motions or trials at which it is applied. With `keep_in_view` it also depends on
+    the world at that moment, because draws out of view are repeated.
 
     Attributes:
         events: For each clock, its events with their places in the schedule.
