@@ -202,6 +202,13 @@ class AgentConfig(Model):
             raise ValueError("it must be a name or a mapping")
         return data
 
+    @field_validator("settings")
+    @classmethod
+    def _seeds_are_of_runs(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        if "seed" in settings:
+            raise ValueError("seeds are drawn from the suite's; allowed: any other setting")
+        return settings
+
 
 FIGURES = ("held-out", "trials")
 """How names of a scenario's figures end."""

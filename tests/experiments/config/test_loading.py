@@ -100,7 +100,7 @@ REDRAWN = AIMED | {"evaluation": EVERY, "env": AIMED["env"] | {"redraw": "trial"
         ),
         (("agents", 1, "settings"), {"tset_px": 3}, "agents.1.settings", "tset_px"),
         (("agents", 1, "settings"), {"test_px": -3.0}, "agents.1.settings", "test_px"),
-        (("agents", 1, "settings"), {"seed": 3}, "agents.1.settings", "seed"),
+        (("agents", 1, "settings"), {"seed": 3}, "agents.1.settings", "seeds are drawn from the suite"),
         (("agents", 1), {"name": "sac", "settings": {"gama": 0.9}}, "agents.1.settings", "gama"),
     ],
 )
