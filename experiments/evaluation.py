@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import gymnasium
+import numpy as np
 from gymnasium.vector import VectorEnv
 
 from agents.base.checks import check_number
@@ -173,7 +174,8 @@ def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed
     expected = tell(observation) if tell else None
     state, over = None, False
     while not over:
-        words, state = agent.predict(observation, state=state, deterministic=True)
+        begins = np.array([state is None])
+        words, state = agent.predict(observation, state=state, episode_start=begins, deterministic=True)
         observation, _, terminated, truncated, info = env.step(words)
         meter.add(info)
         over = terminated or truncated

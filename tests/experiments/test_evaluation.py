@@ -142,3 +142,9 @@ def test_an_agent_that_learned_in_a_batch_is_evaluated_in_one_environment():
     agent = agents.make("sac", gym.make_vec("CalFree/Reach-v0", num_envs=2, **same_step))
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=3)
     assert len(evaluate(agent, env, trials=1, seed=0)) == 1
+
+
+def test_a_trial_begins_whatever_the_registers_tell_after_a_short_one():
+    noise = {"at": {"trial": 0}, "do": {"type": "register_noise", "registers": 0.02}}
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=1, perturbations=[noise])
+    assert len(evaluate(agents.make("paper_servo", env), env, 100, seed=0)) == 100

@@ -211,8 +211,8 @@ class Sb3Agent(Agent):
         with nullcontext() if deterministic else self._of_predictions.swapped_in():
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         words = scaled_words(actions, **self._words)
-        if state is not None:
-            registers = np.atleast_2d(observation["observation"])[:, -words.shape[-1] :]
+        registers = self._registers(observation)
+        if state is not None and registers.size:
             self._beginnings.sent(registers, words)
         return words, state
 
@@ -222,9 +222,15 @@ class Sb3Agent(Agent):
         """Raises ValueError where networks would go on with another memory than that of this trial."""
         if state is not None and not (isinstance(state, tuple) and all(np.ndim(part) == 3 for part in state)):
             raise foreign(f"is {state!r}")
-        registers = np.atleast_2d(observation["observation"])[:, -self._model.action_space.shape[0] :]
-        if registers.shape[1:] == self._model.action_space.shape:
+        registers = self._registers(observation)
+        if registers.size:
             self._beginnings.where(registers, None if state is None else np.shape(state[0])[1], episode_start)
+
+    def _registers(self, observation: RawObservation) -> NDArray[np.float64]:
+        """Registers (n, m) where they stand behind the flags at the end, as in reaching; else (n, 0)."""
+        observed = np.atleast_2d(np.asarray(observation["observation"], float))
+        motors, flags = self._model.action_space.shape[0], np.shape(observation["achieved_goal"])[-1]
+        return observed[:, flags:] if observed.shape[1] == flags + motors else observed[:, :0]
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.
@@ -238,6 +244,8 @@ class Sb3Agent(Agent):
         """
         rows = self._model.n_envs
         check_number("total_timesteps", total_timesteps, least=0, whole=True)
+        if not total_timesteps:
+            return self
         if total_timesteps < rows:
             raise ValueError(f"learn got {total_timesteps} motions; its {rows} rows make {rows} at once")
         total_timesteps -= total_timesteps % rows
@@ -245,6 +253,8 @@ class Sb3Agent(Agent):
         if self._by_key:
             with warnings.catch_warnings(action="ignore"):
                 self._model.replay_buffer.truncate_last_trajectory()
+        elif (buffer := getattr(self._model, "replay_buffer", None)) is not None and buffer.size():
+            buffer.dones[buffer.pos - 1] = buffer.timeouts[buffer.pos - 1] = 1  # the trial was broken off
         with self._random_state.swapped_in():
             self._model.learn(
                 total_timesteps,
@@ -306,6 +316,8 @@ class Sb3Agent(Agent):
         self._model._n_updates = saved.updates
         if (buffer := getattr(self._model, "replay_buffer", None)) is not None:
             buffer.reset()
+            if self._by_key:  # whose reset leaves where its trials are
+                buffer.ep_start[:] = buffer.ep_length[:] = buffer._current_ep_start[:] = 0
         if hasattr(self._model, "learning_starts"):
             self._model.learning_starts = saved.motions + self._warm_up
         return self

@@ -4,6 +4,7 @@ import io
 import json
 import pickle
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -226,3 +227,11 @@ def test_who_loads_forgets_the_motions_of_the_life_before(tmp_path):
     assert agent._model.replay_buffer.pos
     agent.load(tmp_path / "new.zip")
     assert agent._model.replay_buffer.size() == 0
+
+
+def test_who_loads_learns_from_its_own_trials_alone(tmp_path):
+    made = partial(make, "sac_her")
+    made().save(tmp_path / "new.zip")
+    agent = made().learn(150).load(tmp_path / "new.zip")
+    agent.learn(130)
+    assert np.count_nonzero(agent._model.replay_buffer.ep_length) <= 130

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from experiments.evaluation import evaluate
 from tests.agents.neural.sb3_learners import make, rows_of_one_world, weights
 
 
@@ -91,3 +92,23 @@ def test_the_callers_generators_stay_and_learning_follows_from_the_seed_alone(na
         words, _ = untouched(partial(agent.predict, env.reset()[0], deterministic=False))
         learned.append((weights(agent).tolist(), words.tolist()))
     assert learned[0] == learned[1]
+
+
+def test_networks_that_remember_learn_to_grasp_and_are_evaluated():
+    env = gym.make("CalFree/GraspDense-v0", max_episode_steps=6)
+    agent = make("recurrent_ppo", env).learn(40)
+    assert len(evaluate(agent, env, 2, seed=3)) == 2
+
+
+def test_no_motions_change_nothing():
+    agent = make()
+    before = weights(agent)
+    assert agent.learn(0).num_timesteps == 0
+    assert torch.equal(weights(agent), before)
+
+
+def test_rewards_of_several_motions_are_of_one_trial():
+    agent = make(n_steps=3, gamma=0.5, learning_starts=100)
+    agent.learn(6).learn(6)
+    buffer = agent._model.replay_buffer
+    assert buffer._get_samples(np.array([5])).rewards.item() == buffer.rewards[5].item()
