@@ -49,7 +49,7 @@ class Outcome:
     Attributes:
         agent: As its author calls it.
         seeds: Of the worlds.
-        motions: Made before the knock, and in all; of the world with most.
+        motions: Made before the knock, and after it: the most in any world.
         motions_per_reach: A trial without a rendezvous counts as 60 (worlds, moments).
         reached: Share of trials with a rendezvous (worlds, moments).
     """
@@ -77,14 +77,14 @@ class Outcome:
     def line(self) -> str:
         """The line to quote."""
         before, right_after, end = np.median(self.motions_per_reach, axis=0)
-        learned, lived = self.motions
+        learned, more = self.motions
         worlds = "its 20 test worlds"
         if self.seeds != tuple(TEST_SEEDS):
             others = "others than" if {*self.seeds} - {*TEST_SEEDS} else "some of"
             worlds = f"{len(self.seeds)} worlds, {others} its {len(TEST_SEEDS)} test worlds"
         return (
             f"{self.agent} by {NAME} ({worlds}): {before:.1f} motions per reach after {learned:,} motions, "
-            f"{right_after:.1f} right after the knock, {end:.1f} after {lived - learned:,} more "
+            f"{right_after:.1f} right after the knock, {end:.1f} after {more:,} more "
             "(median world; a failed trial counts as 60)."
         )
 
@@ -137,7 +137,8 @@ def run(
         print(f"world {number} of {len(seeds)}: motions per reach {shown}", flush=True)
     made, scores = zip(*lives, strict=True)
     motions_per_reach, reached = np.transpose(scores, (1, 0, 2))
-    return Outcome(name, seeds, max(made), motions_per_reach, reached)
+    most = tuple(np.max(made, axis=0).tolist())
+    return Outcome(name, seeds, most, motions_per_reach, reached)
 
 
 def worlds_of(seed: int) -> tuple[World, World]:
@@ -163,7 +164,7 @@ def _life(
     seed: int,
     wrap: Callable[[Any], Any],
 ) -> tuple[tuple[int, int], Array]:
-    """Motions made before the knock and in all; motions per reach and share reached (2, moments)."""
+    """Motions made before the knock and after it; motions per reach and share reached (2, moments)."""
     world, knocked = worlds_of(seed)
     recorder: Any = LifetimeRecorder(ENV.make(), seed) if rows == 1 else RowsRecorder(ENV, rows, (), (), seed)
     agent = make_agent(wrap(recorder) if rows == 1 else recorder, seed)
@@ -177,16 +178,19 @@ def _life(
     goes_on = "reset_num_timesteps" in signature(agent.learn).parameters  # else a learner of sb3 begins anew
     agent.learn(after, **({"reset_num_timesteps": False} if goes_on else {}))
     scores.append(_score(agent, wrap, knocked, seed))
-    return (learned, recorder.motions), np.transpose(scores)
+    return (learned, recorder.motions - learned), np.transpose(scores)
 
 
 def _score(agent: Predictor, wrap: Callable[[Any], Any], world: World, seed: int) -> tuple[float, float]:
-    """Motions per reach and share reached, in held-out trials, by the same seed at all moments."""
-    env = wrap(ENV.make())
+    """Motions per reach and share reached, in held-out trials, by the same seed at all moments.
+
+    Motions are counted within the wrappers; of the first trials, one that these left counts as failed.
+    """
+    env: Any = ENV.make()
     env.unwrapped.set_world(world)
-    records = evaluate(agent, env, TRIALS, seed + len(TRAIN_SEEDS))
+    recorder = LifetimeRecorder(env, seed + len(TRAIN_SEEDS))
+    evaluate(agent, wrap(recorder), TRIALS, seed)
+    records = [record for record in recorder.records if record.trial < TRIALS]
     cap = ENV.max_episode_steps
-    return (
-        float(np.mean([record.motions_per_reach(cap) for record in records])),
-        float(np.mean([record.rendezvous for record in records])),
-    )
+    motions = sum(record.motions_per_reach(cap) for record in records) + cap * (TRIALS - len(records))
+    return motions / TRIALS, sum(record.rendezvous for record in records) / TRIALS

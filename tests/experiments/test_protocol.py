@@ -2,9 +2,11 @@
 
 import hashlib
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents
 from calfree_gym.wrappers import ScaledWords
 from experiments import protocol
 
@@ -48,7 +50,7 @@ def test_an_agent_lives_in_the_world_then_in_the_knocked_one():
     for agent, seed in zip(made, SEEDS, strict=True):
         world, knocked = protocol.worlds_of(seed)
         assert agent.worlds == [world] * 5 + [knocked] * 3
-    assert outcome.motions == (5, 8)
+    assert outcome.motions == (5, 3)
     assert (outcome.motions_per_reach == 60).all()
     assert (outcome.reached == 0).all()
     assert outcome.motions_per_reach.shape == (2, 3)
@@ -91,6 +93,32 @@ def test_wrappers_are_put_around_what_is_learned_and_scored_in(rows):
     protocol.run(make_agent, "it", 0, 0, rows, SEEDS[:1], wrap)
     assert (made[0] is wrapped[0]) == (rows == 1)
     np.testing.assert_array_equal(seen, half_words)
+
+
+def test_motions_are_counted_within_wrappers_and_a_trial_that_is_left_has_failed():
+    class Thirds(gym.Wrapper):
+        def step(self, action):
+            for _ in range(3):
+                seen = self.env.step(action / 3)
+                if seen[2] or seen[3]:
+                    break
+            return seen
+
+    class Leaves(gym.Wrapper):
+        def reset(self, **arguments):
+            self.env.reset(**arguments)
+            self.env.step(np.zeros(3, np.float32))
+            return self.env.reset()
+
+    def score(wrap):
+        return protocol.run(
+            lambda env, seed: agents.make("paper_servo", env), "it", 0, 0, seeds=SEEDS[:1], wrap=wrap
+        )
+
+    plain, thirds, leaves = map(score, (lambda env: env, Thirds, Leaves))
+    assert (thirds.motions_per_reach > 2 * plain.motions_per_reach).all()
+    assert plain.reached.all()
+    assert not leaves.reached.any()
 
 
 def test_the_knock_turns_the_left_camera_by_twenty_degrees():
@@ -154,5 +182,5 @@ def test_an_algorithm_of_stable_baselines3_is_run(rows):
         return PPO("MultiInputPolicy", env, n_steps=16, batch_size=16, seed=seed)
 
     outcome = protocol.run(make_agent, "PPO", 16 * rows, 1, rows=rows, seeds=SEEDS[:1])
-    assert outcome.motions == (16 * rows, 2 * 16 * rows)
+    assert outcome.motions == (16 * rows, 16 * rows)
     assert ((outcome.motions_per_reach >= 1) & (outcome.motions_per_reach <= 60)).all()
