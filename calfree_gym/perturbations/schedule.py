@@ -344,6 +344,7 @@ class PerturbationScheduler:
             return self._drift(place, perturbation, row, world)
         after, drawn = self._draw(place, perturbation, row, count if event.every else 0, world)
         if place in self._to_undo:
+            self._undoable[row].pop(place, None)  # the latest last
             self._undoable[row][place] = world, after
         return after, drawn
 
@@ -387,13 +388,18 @@ class PerturbationScheduler:
         return self._judge.in_view(0) and (can_begin is None or can_begin(world))
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
-        if undo.event not in self._undoable[row]:
+        changes = self._undoable[row]
+        if undo.event not in changes:
             return world
-        there = undone(world, *self._undoable[row][undo.event])
+        there = undone(world, *changes[undo.event])
         if not self._serves(row, there):
             raise ValueError(
                 f"the world after {undo.to_dict()} is not in view, or no trial can begin: {there.to_dict()}"
             )
+        places = [*changes]
+        for later in places[places.index(undo.event) + 1 :]:  # to undo these does not bring it back
+            before, after = changes[later]
+            changes[later] = undone(before, *changes[undo.event]), undone(after, *changes[undo.event])
         return there
 
     def _drift(

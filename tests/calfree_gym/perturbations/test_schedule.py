@@ -146,6 +146,17 @@ def test_undoing_brings_the_old_camera_back_and_leaves_the_rest():
     assert worlds[3].focal_length[1] == pytest.approx(1.1 * worlds[0].focal_length[1])
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_in_whatever_order_all_is_undone_nothing_stays(order):
+    changes = [{"at": {"motion": i}, "do": {"type": "image_noise", "levels": 5 + 4 * i}} for i in range(2)]
+    undone = [{"at": {"motion": 2 + i}, "undo": place} for i, place in enumerate(order)]
+    env = begun(made([*changes, *undone]))
+    built = begun(made([])).world
+    for _ in range(4):
+        env.step(np.zeros(3))
+    assert env.world == built
+
+
 @pytest.mark.parametrize("redraw", ["trial", "never"])
 def test_nothing_is_undone_in_another_world(redraw):
     env, plain = made([REPLACED, BACK], redraw=redraw), made([], redraw=redraw)
