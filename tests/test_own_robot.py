@@ -264,3 +264,8 @@ def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(opengl):
     assert len(motions) >= 3
     assert max(motions[:3]) <= 15
     assert told.startswith("registers: RegisterErrors(noise=array([")
+
+
+def test_a_tolerance_that_cannot_be_is_refused():
+    with pytest.raises(ValueError, match="tolerance_px is nan"):
+        made(tolerance_px=np.nan)

@@ -292,7 +292,7 @@ class SelfCalibrating(ProcedureAgent):
         """See `ProcedureAgent`. Files of version 0.1 are read with a warning."""
         self.calibration = Calibration(Measurements.none(), None, ObservationFilter())
         self.calibration.filter.restore(arrays)
-        if "signs" in arrays:
+        if arrays.keys() - self.calibration.filter.arrays().keys():
             if "off_px" in arrays:
                 warnings.warn("arrays of version 0.1 were read: save them anew", stacklevel=3)
                 arrays = _of_version_0_1(arrays)

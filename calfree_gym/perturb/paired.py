@@ -159,6 +159,8 @@ def paired(
         for (name, life), env in zip(lives.items(), perturbed, strict=True):
             if learns:
                 policy(life).learn(LIFE, lambda *_, life=life: len(life.outcomes) < episodes)
+                if (ended := len(life.outcomes)) < episodes:
+                    raise ValueError(f"schedules.{name}: learn ended after {ended} of {episodes} episodes")
             else:
                 for _ in range(episodes):
                     _episode(life, policy)

@@ -212,6 +212,11 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             check_whole("an entry of words", entry, 0, box.shape[0] - 1)
         if len(self._cameras) != 2:
             raise ValueError(f"cameras is {self._cameras!r}; there must be two")
+        for camera in self._cameras:
+            if isinstance(camera, FixedCamera):
+                check_positive("fovy", camera.fovy, 180)
+                if not np.isclose(np.linalg.norm(camera.orientation), 1, atol=1e-3):
+                    raise ValueError(f"orientation is {camera.orientation!r}; it must be a unit quaternion")
         model, _ = find_simulation(self.env)
         for what, names, kind, count in (
             ("a site", self._places, mujoco.mjtObj.mjOBJ_SITE, model.nsite),

@@ -127,7 +127,7 @@ class Perturb(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._faults_images = not kinds.isdisjoint(OF_IMAGES)
         self._keeps_observations = not kinds.isdisjoint(OF_OBSERVATIONS)
         self._model: PerturbedModel | None = None
-        if self.adapter is not None and not kinds.isdisjoint(OF_MODELS):
+        if self.adapter is not None and not kinds.isdisjoint((*OF_MODELS, "lens")):
             self._model = PerturbedModel(*self.adapter.simulation(env), self.parts)
         self._built = self._model.built if self._model else plain_world(self.parts)
         self._per, self._given_seed, self._rest = per, seed, np.zeros(0)

@@ -400,11 +400,12 @@ class FilmFiles:
         """Frames that last: GIF counts in hundredths of a second."""
         palette = self._palette()
         pictures = (small.quantize(palette=palette, dither=Pictures.Dither.NONE) for small in self._decoded())
+        ends = np.rint(100 * np.cumsum([0, *(times for _, times in self._small)]) / self._gif_rate)
         next(pictures).save(
             _partial(self.gif),
             save_all=True,
             append_images=pictures,
-            duration=[round(1000 * times / self._gif_rate) for _, times in self._small],
+            duration=[10 * int(hundredths) for hundredths in np.diff(ends)],
             loop=0,
         )
 

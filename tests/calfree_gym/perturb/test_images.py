@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from calfree_gym import Perturb
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturb.images import faulty
 from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.vision.cameras import image_points
+from tests.calfree_gym.perturb.workbench import Workbench
 
 WORLD = plain_world(ModelParts(("top",), ()))
 PLACE = np.zeros(2)
@@ -46,3 +48,10 @@ def test_a_lens_puts_points_where_our_own_cameras_see_them(k1):
         found = faulty(image, world(lens_k1=k1), 0, PLACE)[..., 0].astype(float)
         seen = [(found.sum(axis) @ np.arange(found.shape[1 - axis])) / found.sum() for axis in (0, 1)]
         np.testing.assert_allclose(seen, there, atol=0.3)
+
+
+def test_a_lens_is_of_its_camera_whatever_else_is_in_the_schedule():
+    lens = {"at": {"step": 0}, "do": {"type": "lens", "camera": "front", "k1": 0.1}}
+    roll = {"at": {"step": 9}, "do": {"type": "camera_roll", "camera": "front"}}
+    alone, beside = (Perturb(Workbench(["front"]), schedule).world for schedule in ([lens], [lens, roll]))
+    np.testing.assert_array_equal(alone.focal_length, beside.focal_length)

@@ -130,6 +130,15 @@ def test_a_learner_lives_one_life_in_each_schedule():
     assert none[0] > none[-1], "it learns from episode to episode"
 
 
+def test_a_learner_that_ends_before_all_episodes_is_told():
+    class Ends:
+        def learn(self, motions, callback):
+            return self
+
+    with pytest.raises(ValueError, match=r"schedules\.none: learn ended after 0 of 2 episodes"):
+        paired(TableTop, lambda env: Ends(), {"none": NONE, "again": NONE}, episodes=2, learns=True)
+
+
 def test_it_is_printed_as_a_table_and_drawn():
     table = Paired({"none": (True,) * 9 + (False,), "10°": (True,) * 2 + (False,) * 7 + (True,)})
     assert re.search(r"none +90%\n.*10° +30% +1 / 7 +0.07 +-60% .-89% to .0%", str(table))

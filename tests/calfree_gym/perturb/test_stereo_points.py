@@ -131,6 +131,8 @@ def test_an_episode_ends_at_the_rendezvous_and_where_the_environment_ends_it():
         ({"gripper": "tap"}, "a site is 'tap'"),
         ({"cameras": ("top", "frnt")}, r"a camera is 'frnt' \(did you mean front\?\); allowed: top, front"),
         ({"cameras": ("top",)}, "there must be two"),
+        ({"cameras": ("top", FixedCamera([0, 0, 1], [1, 0, 0, 0], -60))}, "fovy is -60"),
+        ({"cameras": ("top", FixedCamera([0, 0, 1], [0, 0, 0, 0], 60))}, "must be a unit quaternion"),
         ({"words": (0, 1, 2)}, r"words is \(0, 1, 2\); it must be Words"),
         ({"words": Words((0, 1), rest=(0, 0))}, r"rest is \(0, 0\); it must be 3 finite numbers"),
         ({"noise_px": -1}, "noise_px is -1; allowed: 0 to 512"),

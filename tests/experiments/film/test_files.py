@@ -127,3 +127,11 @@ def test_a_missing_codec_is_told_at_once(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match=r"cannot write it here.*opencv-python-headless"):
         make(files_in(tmp_path), 1)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_gif_lasts_as_long_as_the_film(tmp_path):
+    with files_in(tmp_path / "new", rate=48, gif_rate=48) as files:
+        for grey in range(48):
+            files.add(frame(4 * grey), 1)
+        files.keep(moment(frame(0), "now"))
+    assert sum(each.info["duration"] for each in ImageSequence.Iterator(Image.open(files.gif))) == 1000
