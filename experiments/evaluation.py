@@ -172,10 +172,11 @@ def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed
     meter = TrialMeter(env, trial, info)
     tell = getattr(agent, "expected_px", None)
     expected = tell(observation) if tell else None
-    state, over = None, False
+    state, begins, over = None, True, False
     while not over:
-        begins = np.array([state is None])
-        words, state = agent.predict(observation, state=state, episode_start=begins, deterministic=True)
+        starts = np.array([begins])
+        words, state = agent.predict(observation, state=state, episode_start=starts, deterministic=True)
+        begins = False
         observation, _, terminated, truncated, info = env.step(words)
         meter.add(info)
         over = terminated or truncated

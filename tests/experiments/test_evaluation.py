@@ -148,3 +148,17 @@ def test_a_trial_begins_whatever_the_registers_tell_after_a_short_one():
     noise = {"at": {"trial": 0}, "do": {"type": "register_noise", "registers": 0.02}}
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=1, perturbations=[noise])
     assert len(evaluate(agents.make("paper_servo", env), env, 100, seed=0)) == 100
+
+
+def test_who_keeps_no_state_is_told_once_that_a_trial_begins():
+    class Notes:
+        def __init__(self):
+            self.begun = []
+
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            self.begun += episode_start.tolist()
+            return np.zeros(3), None
+
+    agent = Notes()
+    evaluate(agent, gym.make("CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=3), 2, seed=0)
+    assert agent.begun == [True, False, False] * 2
