@@ -13,7 +13,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.storage import prefixed, under
 from ..memory.pairs import Cameras, HomeView
-from ..servo.perception import ObservationFilter
+from ..servo.perception import ObservationFilter, Observing
 from .images import ImageRegression
 from .looks import RegressionLooks
 from .reach import RegressionFindings, RegressionReach
@@ -58,29 +58,34 @@ class RegressionAgent(ProcedureAgent):
 
     def procedure(self, first: Observation, findings: RegressionFindings) -> Procedure:
         """See `ProcedureAgent`."""
-        now = yield from findings.filter.first(first)
-        jumped = self._jumped(now)
+        now = yield from self._look(first, findings)
+        jumped = self._jumped(findings)
         if jumped.any():  # unless a point was mistaken
-            now = yield from findings.filter.first((yield np.zeros_like(now.registers)))
-            jumped &= self._jumped(now)
-        if now.shows_gripper and not now.registers.any():
-            findings.gripper_home = now.gripper
+            now = yield from self._look((yield np.zeros_like(now.registers)), findings)
+            jumped &= self._jumped(findings)
         if jumped.any():
             findings.begin_anew(self._unlearned, findings.looks.without(jumped))
         unlearned = None if jumped.any() else self._unlearned
         yield from RegressionReach(now, findings, unlearned).go()
 
-    def _jumped(self, now: Observation) -> Cameras:
-        """Which cameras show the gripper elsewhere at home than in the last trials."""
+    def _look(self, first: Observation, findings: RegressionFindings) -> Observing:
+        """What can be trusted of a first observation; notes where the gripper is seen at home."""
+        now = yield from findings.filter.first(first)
         at_home = now.shows_gripper and not now.registers.any()
-        return self.home.jumped(now.gripper) if at_home else np.zeros(2, bool)
+        findings.gripper_home = now.gripper if at_home else None
+        return now
+
+    def _jumped(self, findings: RegressionFindings) -> Cameras:
+        """Which cameras show the gripper elsewhere at home than in the last trials."""
+        home = findings.gripper_home
+        return np.zeros(2, bool) if home is None else self.home.jumped(home)
 
     def learn_trial(self, findings: RegressionFindings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
         self.images, self.filter = findings.images, findings.filter
         self.looks = findings.looks.only(slice(-self.KEPT, None))
         if findings.gripper_home is not None:
-            if self.home.jumped(findings.gripper_home).any():
+            if self._jumped(findings).any():
                 self.home.keep_since(self._trials)
             self.home.add(findings.gripper_home, self.filter.noise.px, self._trials)
         self._trials += 1
