@@ -146,10 +146,8 @@ class DockArms(Arms):
         self._shown[row] = False
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
-        before = [self._worlds[row] for row in rows.tolist()]
         super()._redraw(rows)
-        for row, world in zip(rows.tolist(), before, strict=True):
-            self._shown[row] &= self._worlds[row] is world
+        self._shown[rows] &= [isinstance(self._choices[row], World) for row in rows.tolist()]
 
     def objects_of(self, options: dict[str, Any] | None) -> Array | None:
         """The pose of reset's options (N, 3), or None without one.
