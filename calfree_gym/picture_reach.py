@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.errors import check_positive
 from calfree_gym.image import CAMERAS
 from calfree_gym.reaching import SQUARE, Array, farthest_px, reaching_observation, reaching_spaces
 from calfree_gym.vision import Marks, StereoTracker
@@ -117,6 +118,7 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
         max_motions: int,
         edges: Any = SQUARE,
     ) -> None:
+        check_positive("tolerance_px", tolerance_px, 256)
         self.observation_space, self.action_space = reaching_spaces(motors, edges)  # type: ignore[assignment]
         self.registers, self.motions = np.zeros(motors), 0
         self.look: PictureLook | None = None

@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 
 from calfree_gym.errors import check_positive, check_whole
-from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.image import CAMERAS
 from calfree_gym.picture_reach import Array, PairTracker, PictureReach, numbers
 from calfree_gym.vision import Marks
 
@@ -93,7 +93,6 @@ class OwnRobot(PictureReach):
     ) -> None:
         check_positive("greatest_motion", greatest_motion, 1)
         check_positive("patience", patience, 1e6)
-        check_positive("tolerance_px", tolerance_px, IMAGE_SIZE)
         check_whole("motors", motors, 1, 100)
         check_whole("most_motions", most_motions, 1, 10**6)
         super().__init__(motors, marks, tolerance_px, most_motions)

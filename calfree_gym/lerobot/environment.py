@@ -129,12 +129,8 @@ class LeRobotReachEnv(PictureReach):
         place_object: Callable[[], Any] | None = None,
         on_tick: Tick | None = None,
     ) -> None:
-        for name, value, most in (
-            ("unit", unit, 180),
-            ("speed", speed, FASTEST),
-            ("tolerance_px", tolerance_px, 256),
-        ):
-            check_positive(name, value, most)
+        check_positive("unit", unit, 180)
+        check_positive("speed", speed, FASTEST)
         check_whole("max_motions", max_motions, 1, 10**6)
         names, shown = checked_motors(robot, motors), checked_cameras(robot, cameras)
         check_most_ahead(robot, AHEAD)
