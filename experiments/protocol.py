@@ -49,7 +49,7 @@ class Outcome:
     Attributes:
         agent: As its author calls it.
         seeds: Of the worlds.
-        motions: Made before the knock, and after it: the most in any world.
+        motions: Made before the knock, and in all: of both parts the most that any world took.
         motions_per_reach: A trial without a rendezvous counts as 60 (worlds, moments).
         reached: Share of trials with a rendezvous (worlds, moments).
     """
@@ -77,14 +77,14 @@ class Outcome:
     def line(self) -> str:
         """The line to quote."""
         before, right_after, end = np.median(self.motions_per_reach, axis=0)
-        learned, more = self.motions
+        learned, lived = self.motions
         worlds = "its 20 test worlds"
         if self.seeds != tuple(TEST_SEEDS):
             others = "others than" if {*self.seeds} - {*TEST_SEEDS} else "some of"
             worlds = f"{len(self.seeds)} worlds, {others} its {len(TEST_SEEDS)} test worlds"
         return (
             f"{self.agent} by {NAME} ({worlds}): {before:.1f} motions per reach after {learned:,} motions, "
-            f"{right_after:.1f} right after the knock, {end:.1f} after {more:,} more "
+            f"{right_after:.1f} right after the knock, {end:.1f} after {lived - learned:,} more "
             "(median world; a failed trial counts as 60)."
         )
 
@@ -137,8 +137,8 @@ def run(
         print(f"world {number} of {len(seeds)}: motions per reach {shown}", flush=True)
     made, scores = zip(*lives, strict=True)
     motions_per_reach, reached = np.transpose(scores, (1, 0, 2))
-    most = tuple(np.max(made, axis=0).tolist())
-    return Outcome(name, seeds, most, motions_per_reach, reached)
+    learned, more = np.max(made, axis=0).tolist()
+    return Outcome(name, seeds, (learned, learned + more), motions_per_reach, reached)
 
 
 def worlds_of(seed: int) -> tuple[World, World]:

@@ -50,7 +50,7 @@ def test_an_agent_lives_in_the_world_then_in_the_knocked_one():
     for agent, seed in zip(made, SEEDS, strict=True):
         world, knocked = protocol.worlds_of(seed)
         assert agent.worlds == [world] * 5 + [knocked] * 3
-    assert outcome.motions == (5, 3)
+    assert outcome.motions == (5, 8)
     assert (outcome.motions_per_reach == 60).all()
     assert (outcome.reached == 0).all()
     assert outcome.motions_per_reach.shape == (2, 3)
@@ -182,5 +182,5 @@ def test_an_algorithm_of_stable_baselines3_is_run(rows):
         return PPO("MultiInputPolicy", env, n_steps=16, batch_size=16, seed=seed)
 
     outcome = protocol.run(make_agent, "PPO", 16 * rows, 1, rows=rows, seeds=SEEDS[:1])
-    assert outcome.motions == (16 * rows, 16 * rows)
+    assert outcome.motions == (16 * rows, 2 * 16 * rows)
     assert ((outcome.motions_per_reach >= 1) & (outcome.motions_per_reach <= 60)).all()
