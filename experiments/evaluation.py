@@ -172,11 +172,10 @@ def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed
     meter = TrialMeter(env, trial, info)
     tell = getattr(agent, "expected_px", None)
     expected = tell(observation) if tell else None
-    state, begins, over = None, True, False
+    state, starts, over = None, np.array([True]), False
     while not over:
-        starts = np.array([begins])
         words, state = agent.predict(observation, state=state, episode_start=starts, deterministic=True)
-        begins = False
+        starts = np.array([False])
         observation, _, terminated, truncated, info = env.step(words)
         meter.add(info)
         over = terminated or truncated

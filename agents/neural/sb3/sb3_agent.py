@@ -211,8 +211,7 @@ class Sb3Agent(Agent):
         with nullcontext() if deterministic else self._of_predictions.swapped_in():
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         words = scaled_words(actions, **self._words)
-        registers = self._registers(observation)
-        if state is not None and registers.size:
+        if state is not None and (registers := self._registers(observation)).size:
             self._beginnings.sent(registers, words)
         return words, state
 
