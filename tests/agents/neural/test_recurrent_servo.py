@@ -132,9 +132,9 @@ def worlds(mount="waist", count=4, first_seed=300_000):
 
 
 def test_a_changed_camera_sees_what_one_of_the_environment_sees_there(mount, make_env):
-    robots = TrainingRobots(worlds(mount, 1), 6)
+    robots = TrainingRobots(worlds(mount, 1), 60)
     before = robots._world
-    robots.change_cameras(torch.ones(6, dtype=torch.bool))
+    robots.change_cameras(torch.ones(60, dtype=torch.bool))
     after, look = robots._world, robots.look()
     changed = (before.axes != after.axes).flatten(2).any(2)
     assert changed.any()
