@@ -310,13 +310,17 @@ def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
     except (ConfigError, KeyError, ValidationError):
         return
     rows = read_times(times).fillna({"decision": 0.0, "learning": 0.0})
+    lives, sweeps = (
+        rows[[*TIMED[1:]]].groupby(rows["run"].str.replace(f"{world}-[0-9a-f]+$", "", regex=True)).median()
+        for world in (r"-\d+", "")
+    )
     for part in suite.parts:
+        costs = sweeps if isinstance(part, SweepConfig) else lives
         for agent in suite.agents_in(part):
-            name = re.escape(f"{part.name}-{agent.label}")
-            mine = rows[rows["run"].str.fullmatch(rf"{name}(-\d+)?-[0-9a-f]+")]  # a sweep has no world
-            if mine.empty:
+            name = f"{part.name}-{agent.label}"
+            if name not in costs.index:
                 continue
-            wall, decision, learning = mine[[*TIMED[1:]]].median()
+            wall, decision, learning = costs.loc[name]
             if isinstance(part, SweepConfig):
                 work = _work(agent, part, None, suite.worlds_of(agent, part))
             else:

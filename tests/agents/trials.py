@@ -2,6 +2,10 @@
 
 import gymnasium as gym
 import numpy as np
+import pytest
+
+STAND_FIRST = ["stand", pytest.param("waist", marks=pytest.mark.slow)]
+"""Mounts, for tests of many trials: the waist, where most tests have cameras, is left to the longer ones."""
 
 
 class Lengths(gym.Wrapper):

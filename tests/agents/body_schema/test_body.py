@@ -36,7 +36,11 @@ def changed(arm, what):
 
 
 @pytest.mark.parametrize(
-    "what", [NOTHING, "left camera", "right camera turned", "motor 3 reversed", "motor 2", "gripper"]
+    "what",
+    [
+        *(NOTHING, "right camera turned", "motor 3 reversed"),
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("left camera", "motor 2", "gripper")),
+    ],
 )
 def test_what_explains_is_what_has_changed(what):
     arm = Arm("redundant.xml", "tool")
@@ -123,7 +127,10 @@ def test_the_jacobian_is_that_of_the_points():
         np.testing.assert_allclose(jacobian[:4, motor], slope, atol=1e-4)
 
 
-@pytest.mark.parametrize(("file", "site", "mount"), [("scara.xml", "tip", 0), ("redundant.xml", "tool", 2)])
+@pytest.mark.parametrize(
+    ("file", "site", "mount"),
+    [("scara.xml", "tip", 0), pytest.param("redundant.xml", "tool", 2, marks=pytest.mark.slow)],
+)
 def test_a_body_is_found_from_nothing(file, site, mount):
     """From 160 looks, where it was never seen: to less than the noise."""
     arm = Arm(file, site, mount)

@@ -15,7 +15,7 @@ from agents.base.observation import Observation
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
-from tests.agents.trials import motions_of
+from tests.agents.trials import STAND_FIRST, motions_of
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -130,6 +130,7 @@ def test_where_the_model_is_right_an_observation_is_a_motion(make_env, mount):
         assert np.any(made, axis=1).all()
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_a_goal_seen_in_noise_is_averaged(make_env, mount):
     """20 px on every coordinate: trusting the last observation alone ends 30 px off in the median."""
     world = replace(calfree_gym.nominal(), point_noise=np.asarray(20.0))

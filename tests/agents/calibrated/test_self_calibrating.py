@@ -12,6 +12,7 @@ from agents.calibrated.robot_model import RobotModel
 from agents.calibrated.self_calibrating import Validity, ValidityCheck
 from calfree_gym.image import lengths_px
 from experiments.evaluation import evaluate
+from tests.agents.trials import STAND_FIRST
 
 PLACES = ((0.38, 0.1, 0.1), (0.42, -0.1, 0.2), (0.45, 0.05, 0.06), (0.36, -0.05, 0.15))
 
@@ -53,6 +54,7 @@ def test_what_is_identified_predicts_what_was_not_seen(noise_free, mount, seed):
         pytest.param(range(3050, 3080), 5, 0.95, np.median, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_after_sixty_motions_it_reaches_at_once(make_env, mount, worlds, trials, least, typical):
     records = []
     for seed in worlds:

@@ -17,11 +17,12 @@ from calfree_gym.robot.grasping.gripping_arm import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
-from tests.agents.trials import assert_same_arrays, motions_of
+from tests.agents.trials import STAND_FIRST, assert_same_arrays, motions_of
 
 GRASP = "CalFree/Grasp-v0"
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
     records = []
     for seed, shape in enumerate(SHAPE_NAMES * 2):
@@ -84,6 +85,7 @@ def test_a_reversed_motor_is_noticed():
     assert known.rates[-1] == pytest.approx(-3.0, rel=0.15)
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_with_memory_it_grasps_ever_faster_and_no_less_surely(mount):
     recorder = LifetimeRecorder(gym.make(GRASP, camera_mount=mount), seed=502)
     records = learn_trials(agents.make("grasp", recorder), recorder, 30)

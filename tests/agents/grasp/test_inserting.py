@@ -2,16 +2,19 @@
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 import agents
 from agents.grasp.observation import InsertObservation
 from agents.grasp.yoshimi_allen import axis_of, ellipse_centre
 from calfree_gym.image import PIXELS_PER_UNIT
 from experiments.evaluation import evaluate
+from tests.agents.trials import STAND_FIRST
 
 INSERT = "calfree_gym:CalFree/Insert-v0"
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_insert_puts_pegs_into_holes(mount):
     env = gym.make(INSERT, camera_mount=mount)
     for seed in (1200, 1201, 1202):

@@ -9,7 +9,7 @@ from agents.memory.adaptive_memory import AdaptiveMemory, Change, WorldEvent
 from agents.memory.detector import ChangeVerdict, Finding
 from calfree_gym.perturbations import CameraAim, CameraReplace
 from tests.agents.memory.gripper_views import known, trial, wild
-from tests.agents.trials import assert_same_arrays
+from tests.agents.trials import STAND_FIRST, assert_same_arrays
 
 
 @pytest.fixture
@@ -35,6 +35,7 @@ REPLACE = fiftieth("camera_replace", camera="left")
 @pytest.mark.parametrize(
     ("perturbations", "kind"), [(AIM, "re-aimed"), pytest.param([ROLL], "rolled", marks=pytest.mark.slow)]
 )
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(lived, mount, perturbations, kind):
     agent, lengths = lived(perturbations, mount)
     (event,) = agent.adaptation.events

@@ -13,7 +13,7 @@ from agents.servo.image_model.gaussian_process import GaussianProcess, solved
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
 from tests.agents.memory.gripper_views import noisy, seen_at, taught, view
-from tests.agents.trials import motions_of
+from tests.agents.trials import STAND_FIRST, motions_of
 
 PLACES = np.random.default_rng(1).uniform(-0.6, 0.6, (8, 3))
 
@@ -200,6 +200,7 @@ def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_
     assert (np.median(errors, axis=0) < 0.1).all()
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live, make_env, mount):
     env = make_env(mount)
     env.reset(seed=11)

@@ -7,10 +7,12 @@ import torch
 import agents
 from agents.neural.recurrent_servo.network import KEPT
 from agents.neural.recurrent_servo.places import PlaceRegression
+from tests.agents.trials import STAND_FIRST
 
 UNSEEN = 1000  # seed of the first test world; those of training are 100,000 and more
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_it_needs_fewer_motions_in_later_trials(live, make_env, mount):
     first, later = [], []
     for seed in range(UNSEEN, UNSEEN + 4):

@@ -15,7 +15,7 @@ from agents.rivals.regression_agent import RegressionAgent
 from calfree_gym.world import WorldDistribution
 from experiments.config.loading import read_mapping
 from experiments.running.run import world_seeds
-from tests.agents.trials import carry_out
+from tests.agents.trials import STAND_FIRST, carry_out
 from tests.arms.own import ARMS
 
 CONFIGS = (Path(__file__).parents[3] / "configs").glob("*.yaml")
@@ -28,6 +28,7 @@ def name(request):
     return request.param
 
 
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_it_reaches_in_worlds_that_it_never_saw_and_remembers(name, mount, live, make_env):
     settings = {"camera_mount": mount} if name == "simulation_prior" else {}
     lives = [live(name, make_env(mount), UNSEEN + i, 10, **settings)[1] for i in (0, 1)]
@@ -56,6 +57,7 @@ def test_a_camera_that_was_once_mistaken_at_home_is_not_forgotten(name, live, ma
     np.testing.assert_array_equal(findings.gripper_home, right.gripper)
 
 
+@pytest.mark.parametrize("name", ["polynomial", pytest.param("simulation_prior", marks=pytest.mark.slow)])
 def test_of_a_long_life_the_latest_looks_are_kept_and_a_moved_camera_is_met_by_them(
     name, live, make_env, monkeypatch
 ):
@@ -93,7 +95,9 @@ def test_a_reversed_motor_makes_it_forget_and_it_reaches_again(live, make_env):
     assert max(counts) < 60
 
 
-@pytest.mark.parametrize("arm", ["scara", "hobby", "redundant"])
+@pytest.mark.parametrize(
+    "arm", ["redundant", *(pytest.param(each, marks=pytest.mark.slow) for each in ("scara", "hobby"))]
+)
 def test_polynomials_reach_with_other_arms(arm, live):
     env = gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS[arm], camera_mount="stand", dynamics="kinematic")
     _, counts = live("polynomial", env, UNSEEN, trials=6)

@@ -13,6 +13,7 @@ from agents.servo.jacobian import ESTIMATORS, Kalman, TestMotions, distance_jaco
 from agents.servo.slopes import Slopes
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic
+from tests.agents.trials import STAND_FIRST
 
 EVERY = {"test_motions": TestMotions, **ESTIMATORS}
 
@@ -88,6 +89,7 @@ def test_three_test_motions_give_every_estimator_the_analytic_jacobian(
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_lasting_estimators_follow_the_jacobian_through_small_motions(estimator, mount, noise_free):
     """After 20 motions of 20 px that lead away, the error is at most 0.6 of the unchanged J's (median)."""
     errors = []

@@ -26,6 +26,7 @@ def test_hidden_points_cost_few_motions(mount, make_env):
     assert np.mean(motions) < 11
 
 
+@pytest.mark.slow
 def test_an_arm_of_six_motors_goes_past_what_hides_its_points():
     reached = []
     for seed in range(5000, 5016):

@@ -7,6 +7,7 @@ import agents
 from agents.base import storage
 from agents.servo.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
+from tests.agents.trials import STAND_FIRST
 
 SERVOS = [
     ("work_plane_servo", {}),
@@ -36,6 +37,7 @@ REACH = [
 
 
 @pytest.mark.parametrize(("name", "settings", "worlds", "options", "least", "most_motions", "most_mm"), REACH)
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_they_reach_in_wild_worlds(
     reach, mount, name, settings, worlds, options, least, most_motions, most_mm
 ):
@@ -50,6 +52,7 @@ def test_they_reach_in_wild_worlds(
     ("worlds", "least"), [(range(16), 0.93), pytest.param(range(1000, 1200), 0.97, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(("name", "settings"), SERVOS)
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_a_camera_rolled_in_mid_trial_is_tolerated(reach, name, settings, mount, worlds, least):
     rng, reached = np.random.default_rng(0), []
     for seed in worlds:
@@ -62,6 +65,7 @@ LASTING = [servo for servo in SERVOS if servo[0] in ("unified_servo", "jacobian_
 
 
 @pytest.mark.parametrize(("name", "settings"), LASTING)
+@pytest.mark.parametrize("mount", STAND_FIRST)
 def test_what_the_last_trial_knew_of_the_jacobian_shortens_the_next(live, make_env, name, settings, mount):
     lengths = np.array([live(name, make_env(mount), seed, trials=4, **settings)[1] for seed in range(8)])
     assert lengths[:, 1:].mean() <= 0.75 * lengths[:, 0].mean()
