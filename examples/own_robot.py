@@ -99,6 +99,7 @@ class OwnRobot(PictureReach):
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
         self._greatest_motion, self._patience = greatest_motion, patience
         self._told: list[tuple[Array, Array, Array]] = []
+        self._known = True
         self._calls: SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = SimpleQueue()
         self._hangs = ""
         Thread(target=self._work, daemon=True).start()
@@ -116,6 +117,8 @@ class OwnRobot(PictureReach):
         super().reset(seed=seed)
         self._begun = False
         self._pictures()
+        if not self._known:
+            self._go_by(np.zeros_like(self.registers))
         off = np.abs(self.registers)
         for _ in range(max(1, math.ceil(off.max() / self._greatest_motion))):
             self._go_by(-self.registers)
@@ -149,8 +152,9 @@ class OwnRobot(PictureReach):
         """Changes registers by (clipped) words; those that were asked for, and those before."""
         before, most = self.registers, self._greatest_motion
         asked = np.clip(before + np.clip(words, -most, most), -1, 1)
+        self.registers, self._known = asked, False  # where go_to fails, the robot is at these or on its way
         told = self._call(self._go_to, asked.copy(), patience=self._patience)
-        self.registers = numbers("go_to told", told, len(before), 1 + BEYOND)
+        self.registers, self._known = numbers("go_to told", told, len(before), 1 + BEYOND), True
         wanted, executed = asked - before, self.registers - before
         self._moved = bool((2 * executed * wanted > wanted**2).any())  # more than half of a word
         return asked, before

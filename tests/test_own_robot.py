@@ -123,6 +123,26 @@ def test_what_a_function_gives_is_checked_before_anything_moves_further(function
     env.step(np.full(5, 0.1))
 
 
+def test_a_motion_that_failed_on_its_way_is_ended_before_the_way_home():
+    arm, env = made(greatest_motion=0.05)
+    env.reset()
+    for _ in range(4):
+        env.step(np.full(5, 0.05))
+
+    def gives():
+        arm.at = arm.sent[-1]
+        raise OSError("no bus")
+
+    arm.gives["go_to"] = gives
+    for again in (lambda: env.step(np.full(5, 0.05)), env.reset, env.reset):
+        with pytest.raises(OSError, match="no bus"):
+            again()
+    del arm.gives["go_to"]
+    env.reset()
+    assert np.abs(np.diff(arm.sent, axis=0)).max() < 0.05 + 1e-9
+    np.testing.assert_allclose(arm.at, 0, atol=1e-9)
+
+
 def test_a_robot_that_does_not_come_home_is_told_before_the_object_is_placed():
     arm, env = made()
     env.reset()

@@ -63,8 +63,10 @@ class Recording:
         if (look := self._env.look) is None or look is self._last:
             return
         self._last, now = look, self.reaches[-1]
+        if not (motions := self._env.motions):
+            now.frames.clear()  # the object may be placed more than once
         how = f"{look.px:.1f} px off" if look.visible.all() else "a mark is not seen"
-        when = f"motion {len(now.frames)}" if now.frames else "from home"
+        when = f"motion {motions}" if motions else "from home"
         said = f"reach {now.number} of {self.count}, {when}: {how}"
         now.frames.append(FilmFrame(said, jpeg(side_by_side(look))))
         if sys.stdout.isatty():

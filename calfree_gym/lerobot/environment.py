@@ -223,7 +223,7 @@ class LeRobotReachEnv(PictureReach):
             OSError: The file cannot be written.
         """
         home = dict(zip(self._motors.names, self.home.tolist(), strict=True))
-        knowledge.save(path, agent, home, self._encoders, self.unit)
+        knowledge.save(path, agent, home, self._motors.others, self._encoders, self.unit)
 
     def load(self, agent: Any, path: str | Path) -> None:
         """Reads what `save` wrote into an agent, and takes its home: the next `reset` goes there, slowly.
@@ -263,9 +263,10 @@ class LeRobotReachEnv(PictureReach):
 
     def _known(self, agent: Any, path: str | Path) -> tuple[knowledge.SavedKnowledge, Array]:
         """What an agent saved, and home (m,), which is allowed."""
-        known, home = knowledge.load(path, agent, self._motors.names, self._encoders, self.unit)
+        motors = self._motors
+        known, home = knowledge.load(path, agent, motors.names, motors.others, self._encoders, self.unit)
         try:
-            check_limits(self._encoders, self._motors.names, home, self._motors.here, self.unit)
+            check_limits(self._encoders, motors.names, home, motors.here, self.unit)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
         return known, home

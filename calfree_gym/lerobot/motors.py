@@ -114,7 +114,7 @@ class Motors:
         return back
 
     def take_over(self) -> bool:
-        """Whether somebody has moved motors since the last tick, which had no torque; they stay there.
+        """Whether somebody has moved motors since the last tick, so power was off; all stay where they are.
 
         They are told so at once: they would leap to goals that they had before.
 
@@ -127,9 +127,10 @@ class Motors:
         moved = np.minimum(np.abs(self._at - told), np.abs(self._at - self._left)) > AHEAD
         if not moved.any():
             return False
-        goal, self._others = np.split(np.where(moved, self._at, told), [len(self.names)])
-        self.tick(goal)
-        self._way = goal, goal
+        stay = np.where(np.abs(self._at - told) > AHEAD, self._at, told)
+        self.goal, self._others = np.split(stay, [len(self.names)])
+        self._way = self.goal, self.goal
+        self.tick(self.goal)
         self._settle()
         self._check_near()
         return True
@@ -148,6 +149,11 @@ class Motors:
     def here(self) -> Array:
         """Where the motors stood when they were read last (m,), in degrees."""
         return self._at[: len(self.names)]
+
+    @property
+    def others(self) -> dict[str, float]:
+        """Where the motors that stay where they were are told to be, as LeRobot has it."""
+        return dict(zip(self._all[len(self.names) :], self._others.tolist(), strict=True))
 
     @property
     def stay_back(self) -> NDArray[np.bool_]:

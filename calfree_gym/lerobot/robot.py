@@ -153,15 +153,16 @@ class Encoder:
 
 
 def read_encoders(robot: LeRobot, motors: Sequence[str]) -> dict[str, Encoder]:
-    """The encoders of these motors; none where the robot has no bus of its own.
+    """The encoders of these motors; none where the robot has no bus of its own that counts in ticks.
 
     Offsets and limits are read that the motors have, and LeRobot goes by them, whatever a file of
-    calibrations says: it may be of another day.
+    calibrations says: it may be of another day. Dynamixel's motors add their offsets, others take them.
     """
     bus: Any = getattr(robot, "bus", None)
-    if not hasattr(bus, "read_calibration"):
+    if not hasattr(bus, "set_half_turn_homings"):
         return {}
     bus.calibration = bus.read_calibration()
+    takes = -1 if "Dynamixel" in type(bus).__name__ else 1
     encoders = {}
     for name in motors:
         known = bus.calibration[name]
@@ -169,7 +170,7 @@ def read_encoders(robot: LeRobot, motors: Sequence[str]) -> dict[str, Encoder]:
         if hasattr(bus, "model_resolution_table"):
             turn = bus.model_resolution_table[bus.motors[name].model] - 1
         low, high = known.range_min, known.range_max
-        encoders[name] = Encoder((low + high) / 2, turn, known.homing_offset, low, high)
+        encoders[name] = Encoder((low + high) / 2, turn, takes * known.homing_offset, low, high)
     return encoders
 
 

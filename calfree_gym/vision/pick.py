@@ -127,7 +127,7 @@ def learn_mark(image: Image, box: Sequence[int]) -> Mark:
             f"differ by {chroma.max():.0f} of 255 at most; it must be {LEAST_CHROMA} or more"
         )
     y, x = np.mgrid[-1 : 1 : 1j * height, -1 : 1 : 1j * width]
-    votes = saturation**2 * chroma * np.exp(-(x * x + y * y)).ravel()
+    votes = (chroma >= LEAST_CHROMA) * saturation**2 * chroma * np.exp(-(x * x + y * y)).ravel()
     winner = _mode(hue, votes)
     near = hue_gap(hue, winner)
     same = (near <= 2 * SMOOTHING) & (chroma >= LEAST_CHROMA)

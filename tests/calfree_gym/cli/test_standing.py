@@ -397,6 +397,13 @@ def test_a_servo_reaches_and_the_report_tells_it(power, opengl, tmp_path, capsys
     assert power.read_text() == "off", "somebody supports the arm"
 
 
+def test_looks_from_home_before_the_object_is_placed_anew_are_no_motions(robot, tmp_path):
+    happens = {1: lambda: robot.hidden.add("object"), 2: robot.hidden.clear}
+    given = ["reach", "--agent=unified_servo", "--reaches=1", "--max-motions=3", f"--out={tmp_path}"]
+    calfree(given, robot, happens)
+    assert len(film(tmp_path)) == 4, "three motions, and one look from home"
+
+
 def test_what_the_agent_has_noticed_is_told_and_marked(run, tmp_path, capsys):
     code, page = run("--reaches=3")
     assert code == 0

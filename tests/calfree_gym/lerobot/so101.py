@@ -156,6 +156,11 @@ class Plant:
         """Of the fastest joint, in rad/s."""
         return float(np.abs(self.data.qvel[self._dof]).max())
 
+    def posed_by_hand(self, angles):
+        """Power is off, and on again where somebody has brought the joints (6,), in rad."""
+        self.data.qpos[self._at], self.data.qvel[:] = angles, 0
+        self.targets[:] = self._setpoints[:] = angles
+
     def posed(self, angles):
         """A copy of the state with joints at angles (6,), by kinematics alone."""
         data = mujoco.MjData(self.model)

@@ -5,7 +5,9 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +17,10 @@ import pytest
 import agents
 from calfree_gym.lerobot import ArmError, LeRobotReachEnv, knowledge
 from calfree_gym.lerobot.motors import AHEAD, RATE
-from calfree_gym.lerobot.robot import Encoder, check_limits
+from calfree_gym.lerobot.robot import Encoder, check_limits, read_encoders
 from calfree_gym.vision import Marks, StereoTracker, TagTracker
 from tests.calfree_gym.environments import assert_same
-from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
+from tests.calfree_gym.lerobot.fake_so101 import Bus, Calibration, FakeSO101
 from tests.calfree_gym.lerobot.so101 import MOTORS
 
 WORDS = np.array([0.4, 0.2, -0.3, 0.1, 0.3], np.float32)
@@ -95,6 +97,7 @@ class Wheels(FakeSO101):
         ("[" * 100_000, "is no file that the environment's save has written: RecursionError"),
         ([], "is no file that the environment's save has written: TypeError"),
         ({"degrees": 3}, "is no file that the environment's save has written: TypeError"),
+        ({"others": {"gripper": "shut"}}, "is no file that the environment's save has written: ValueError"),
         ({"ticks": {"shoulder_pan": 2048}}, "'elbow_flex': None.*; allowed: a finite number of each motor"),
         ({"ticks": dict.fromkeys(MOTORS[:5], float("nan"))}, "'elbow_flex': nan"),
         ({"ticks": dict.fromkeys(MOTORS[:5], 10**400)}, "'elbow_flex': 10000"),
@@ -243,7 +246,8 @@ def test_knowledge_is_saved_with_home_and_the_next_day_the_arm_goes_there_slowly
     known.num_timesteps = 4
     with pytest.raises(ValueError, match="learned in 4 motions from a home that is not known here; load it"):
         next(env.reaches(known, 1))
-    env.load(known, tmp_path / "knowledge")
+    with pytest.warns(UserWarning, match="motor gripper, which does not move"):
+        env.load(known, tmp_path / "knowledge")
     began = robot.clock()
     env.reset()
     assert robot.clock() - began > 20 / (0.25 * 60), "slowly"
@@ -272,9 +276,55 @@ def test_home_is_the_same_place_wherever_an_encoder_wraps(tmp_path, at, homed):
         return {"pan": Encoder(2047.5, 4095, middle - 2047, 0, 4095)}
 
     then, now = encoder(at), encoder(homed)
-    knowledge.save(tmp_path / "home", Counting(None), {"pan": then["pan"].degrees(2047)}, then, 45)
-    _, home = knowledge.load(tmp_path / "home", None, ["pan"], now, 45)
+    knowledge.save(tmp_path / "home", Counting(None), {"pan": then["pan"].degrees(2047)}, {}, then, 45)
+    _, home = knowledge.load(tmp_path / "home", None, ["pan"], {}, now, 45)
     assert now["pan"].ticks(home[0]) == pytest.approx((at - homed + 2047) % 4096)
+
+
+class DynamixelBus(Bus):
+    """Its motors add their offsets."""
+
+    def read_calibration(self):
+        return {
+            name: replace(known, homing_offset=-known.homing_offset)
+            for name, known in super().read_calibration().items()
+        }
+
+
+def test_dynamixels_are_home_where_they_were_whatever_was_calibrated_meanwhile(bench, tmp_path):
+    robot = FakeSO101()
+    robot.bus = DynamixelBus(robot.plant, robot.world)
+    env = bench(robot=robot).env
+    agent, stood = Counting(env), robot.plant.angles.copy()
+    env.save(agent, tmp_path / "knowledge")
+    robot.bus.set_half_turn_homings(["shoulder_pan"])
+    env = bench(robot=robot).env
+    env.load(agent, tmp_path / "knowledge")
+    env.reset()
+    assert np.degrees(np.abs(robot.plant.angles - stood)).max() < 4
+
+
+def test_a_bus_that_does_not_count_in_ticks_has_no_encoders():
+    limits = {"joint_1": Calibration(0, -90, 90)}
+    robot = SimpleNamespace(bus=SimpleNamespace(read_calibration=lambda: limits))
+    assert read_encoders(robot, ["joint_1"]) == {}
+
+
+def test_motors_that_do_not_move_and_stand_elsewhere_than_they_did_are_named(bench, tmp_path):
+    names = MOTORS[:4]
+    env = bench(motors=names).env
+    agent = Counting(env)
+    env.save(agent, tmp_path / "knowledge")
+    other = bench(motors=names)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        other.env.load(agent, tmp_path / "knowledge")
+    now = other.robot.bus.sync_read("Present_Position")
+    other.robot.send_action({f"{name}.pos": at + 40 * (name == "wrist_roll") for name, at in now.items()})
+    other.robot.sleep(2)
+    env = bench(robot=other.robot, motors=names).env
+    with pytest.warns(UserWarning, match=r"motor wrist_roll, which .* stood at .* here it stands at"):
+        env.load(agent, tmp_path / "knowledge")
 
 
 def stand(robot, env):

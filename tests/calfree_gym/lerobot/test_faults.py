@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from typing import ClassVar
 
 import cv2
 import gymnasium as gym
@@ -11,7 +12,7 @@ import pytest
 from calfree_gym.lerobot import ArmError
 from calfree_gym.lerobot.environment import SLOWLY
 from calfree_gym.lerobot.frames import FROZEN_S
-from calfree_gym.lerobot.motors import AHEAD, JITTER_S, RATE
+from calfree_gym.lerobot.motors import AHEAD, JITTER_S, RATE, Motors
 from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, OVERLOAD, FakeSO101
 from tests.calfree_gym.lerobot.so101 import MOTORS
 
@@ -382,6 +383,58 @@ def test_power_that_was_off_when_the_object_was_placed_is_noticed(ready, ahead, 
     assert (np.sort(steps(ready.actions).max(1))[:-1] <= SLOWLY * 60 / RATE + 1e-9).all(), (
         "but when it is taken over"
     )
+
+
+def test_a_motor_that_sank_before_power_was_off_does_not_leap(ready, ahead):
+    robot, env = ready.robot, ready.env
+    env.step(WORDS)
+    robot.weaken("elbow_flex", -25)
+    with pytest.raises(ArmError):
+        there_and_back(env, 3)
+    robot.weaken("elbow_flex", 0)
+    robot.plant.posed_by_hand(robot.plant.angles + np.radians([20, 0, 0, 0, 0, 0]))
+    robot.sleep(1.0)
+    ahead.clear()
+    env.reset()
+    assert max(ahead) < AHEAD
+
+
+class InHand:
+    """Motors without torque, one of which a hand moves while it is told where it stands."""
+
+    action_features: ClassVar = {"pan.pos": float}
+
+    def __init__(self):
+        self.at, self.time, self.sent, self.moves = 0.0, 0.0, [], 0.0
+        self.sleep, self.clock = self._sleep, lambda: self.time
+
+    def _sleep(self, seconds):
+        self.time += seconds
+
+    def get_observation(self):
+        self.sleep(0.01)
+        return {"pan.pos": self.at}
+
+    def send_action(self, action):
+        assert len(self.sent) < 100
+        self.sent.append(action["pan.pos"])
+        self.at += self.moves
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_an_error_while_motors_are_taken_over_sends_none_back(first):
+    robot = InHand()
+    motors = Motors(robot, ["pan"], lambda *_: 1 / (robot.moves == 0), None)
+    if not first:
+        motors.go_to(np.array([1.0]), 60)
+    robot.sent.clear()
+    robot.at = 40.0
+    robot.sleep(10)
+    robot.send_action = lambda action: (setattr(robot, "moves", 6.0), InHand.send_action(robot, action))
+    with pytest.raises(ZeroDivisionError):
+        motors.take_over()
+    motors.hold()
+    assert robot.sent == [40.0]
 
 
 @pytest.mark.parametrize("fault", [no_packet, frozen])

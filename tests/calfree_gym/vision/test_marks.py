@@ -200,6 +200,12 @@ def test_the_box_may_hold_background(picture, half):
         assert mark.saturation > 0.7
 
 
+def test_a_box_of_a_dark_colour_with_a_vivid_spot_gives_the_spot_s():
+    image = np.full((40, 40, 3), (5, 0, 23), np.uint8)
+    image[18:24, 18:24] = 20, 160, 20
+    assert hue_gap(learn_mark(image, [10, 10, 20, 20]).hue, 120) < 10
+
+
 NOT_FOUND = "the tracker does not find object.*a radius of 0.5% to 9% of the image's shorter side"
 SOMETHING_ELSE = r"takes something else for object, outside the box, at \(130"
 
