@@ -95,12 +95,15 @@ class StereoArmVecEnv(VecEnv):
         Raises:
             ValueError: Rows would differ in what they share.
         """
-        values = [value] * self.num_envs
-        if len(rows := self._rows(indices)) < self.num_envs:
-            values = list(self.vector_env.unwrapped.get_attr(attr_name))
+        envs, rows = self.vector_env.unwrapped, self._rows(indices)
+        if attr_name == "world":
             for row in rows:
-                values[row] = value
-        self.vector_env.unwrapped.set_attr(attr_name, values)
+                envs.set_world(value, row)
+            return
+        values = list(envs.get_attr(attr_name)) if len(rows) < self.num_envs else [value] * self.num_envs
+        for row in rows:
+            values[row] = value
+        envs.set_attr(attr_name, values)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Calls a method of each of the rows asked for."""

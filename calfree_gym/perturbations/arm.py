@@ -192,6 +192,6 @@ class GearRipple(Perturbation):
         period, phase, depth = world.gear_ripple[place].tolist()
         if depth == 0:
             period, phase = self.period, math.radians(self.phase)
-        depth += -self.depth if back else self.depth
+        depth = round(depth + (-self.depth if back else self.depth), 9)
         self.check("depth", depth)
         return with_entry(world, self.type, place, (period, phase, depth) if depth else NO_RIPPLE)

@@ -230,9 +230,11 @@ class Level(Perturbation):
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         place, step, unit = self._entry(robot), self._level(robot), self._in_world(robot, 1)
         there = getattr(world, self.type)[place] + (-step if back else step)
-        whole = self.settings()[self.quantity].whole
+        allowed = self.settings()[self.quantity]
         for level in np.ravel(there / unit).tolist():
-            self.check(self.quantity, int(level) if whole else round(level, 9))
+            self.check(self.quantity, int(level) if allowed.whole else round(level, 9))
+        if not allowed.whole:
+            there = np.clip(there, allowed.least * unit, allowed.most * unit)  # what rounding leaves
         return with_entry(world, self.type, place, there)
 
     def _level(self, robot: Robot) -> float:

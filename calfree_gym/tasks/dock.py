@@ -257,6 +257,8 @@ class DockArms(Arms):
     def wheels(self) -> Array:
         """What words do in all rows (N, 4 m): the arc (3,) of a word of 1 of each motor, then its curvatures.
 
+        What `longest_motion` cuts off of a word is left out.
+
         An arc is how far a base comes ahead and to the left, in m, and about, in rad, but for the curve.
         """
         worlds = [None if self.needs_seed(row) else self.world(row) for row in range(self.rows)]
@@ -264,7 +266,8 @@ class DockArms(Arms):
         told = np.zeros((self.rows, 4 * motors))
         for row, world in enumerate(worlds):
             if world is not None:
-                rolled = WHEEL_RADIUS * self.base.span * world.motor_sign * world.motor_gain
+                executed = (1 - world.shortfall) * world.word_gain
+                rolled = WHEEL_RADIUS * self.base.span * world.motor_sign * world.motor_gain * executed
                 arcs = self.base.arc(np.diag(rolled), world.link_lengths)
                 told[row] = np.concatenate([arcs.ravel(), world.motor_curvature])
         return told

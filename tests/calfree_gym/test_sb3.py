@@ -64,6 +64,16 @@ def test_rows_have_attributes_and_methods_of_their_own():
         env.set_attr("note", 2, indices=[0])
 
 
+def test_a_world_given_to_one_row_leaves_the_others_to_be_redrawn():
+    env = make_sb3_env(n_envs=2, redraw="trial", dynamics="kinematic")
+    env.reset()
+    first, second = env.get_attr("world")
+    env.set_attr("world", first, indices=[0])
+    env.reset()
+    assert env.get_attr("world")[0] == first
+    assert env.get_attr("world")[1] != second
+
+
 def test_unknown_ids_are_named():
     with pytest.raises(ValueError, match=r"'CalFree/Reach-v1'.*CalFree/Reach-v0"):
         make_sb3_env("CalFree/Reach-v1")

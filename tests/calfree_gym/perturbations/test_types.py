@@ -114,6 +114,23 @@ def test_a_gear_that_ripples_keeps_its_period_and_phase_as_it_wears():
         other.drift(other.drift(world))
 
 
+@pytest.mark.parametrize(
+    "step",
+    [
+        *(kinds.PointDropout(0.3), kinds.Backlash("elbow", 0.3), kinds.DeadZone("elbow", 0.3)),
+        kinds.GearRipple("elbow", 0.3, 0.3, 90),
+    ],
+    ids=lambda step: step.type,
+)
+def test_three_steps_of_a_drift_and_three_back_lead_to_where_it_began(step):
+    world = nominal()
+    for motion in range(6):
+        world = step.drift(world, back=motion >= 3)
+    assert_same(world, nominal())
+    with pytest.raises(ValueError, match=f"{step.type}.* -0.3"):
+        step.drift(world, back=True)
+
+
 def assert_same(world, expected):
     for name, value in expected.to_dict().items():
         np.testing.assert_allclose(getattr(world, name), value, atol=1e-9, err_msg=name)

@@ -293,6 +293,15 @@ def test_perturbations_of_wheels_do_what_they_say():
     assert turned("motor_sign", motor="left")[2] == pytest.approx(0.2 / 0.35)
 
 
+@pytest.mark.parametrize("change", [{"shortfall": 0.2}, {"word_gain": 0.5}, {"motor_gain": [0.8, 0.8]}])
+def test_told_is_how_far_a_word_of_1_leads(change):
+    env = dock_at((-1.5, 0, 0), world=exact(**change), tell=TOLD, keep_in_view=False)
+    env.reset(options={"pose": (-1.5, 0, 0)})
+    observation, *_ = env.step(np.ones(2))
+    ahead = observation["wheels"][:6].reshape(2, 3).sum(0)[0]
+    assert observation["pose"][0] + 1.5 == pytest.approx(ahead)
+
+
 @pytest.mark.parametrize("base", BASES)
 def test_drawn_worlds_are_those_of_their_seed_and_starts_see_the_dock(base):
     env, other = (dock(base=base, perturbations=[]).unwrapped for _ in range(2))
