@@ -135,14 +135,14 @@ def median_world(values: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
 
     Args:
         values: One a world (n,); NaN in those that have none, which are left out.
-        enough: Worlds.
+        enough: Worlds that have one.
     """
     values = np.asarray(values, float)
     found = np.sort(values[~np.isnan(values)])
     if not found.size:
         return Estimate(np.nan)
     value = float(np.median(found))
-    if len(values) < enough:
+    if len(found) < enough:
         return Estimate(value)
     ranks = _ranks(len(found))
     return Estimate(value, *(float(found[rank]) for rank in ranks)) if ranks else Estimate(value)

@@ -99,10 +99,13 @@ def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, s
     for label, moments in held.moments.items():
         motions = [_motions(moments[each].motions.value) if each in moments else NOTHING for each in shown]
         last = moments.get(shown[-1])
+        share = written(last.rendezvous.value, ".0%") if last else NOTHING
+        if last and len(last.worlds) < held.worlds[label]:
+            share += f" in {len(last.worlds)} of {held.worlds[label]} worlds"
         until = [_until(held.times[label].get(stretch)) for stretch in (BEGINNING, AFTER)[: 1 + changes]]
         found[label] = {
             column: " → ".join(motions),
-            f"trials that reach {shown[-1]}": written(last.rendezvous.value, ".0%") if last else NOTHING,
+            f"trials that reach {shown[-1]}": share,
             until_good: " → ".join(until),
         }
     met = knocks(held.scenario)
@@ -157,18 +160,19 @@ def sentences(finished: FinishedSuite, held: HeldOut) -> list[str]:
     """At most three: who needs the fewest motions, what the first change costs, and who reaches again."""
     scenario = held.scenario
     agents = [each for each in finished.suite.agents_in(scenario) if not _aside(finished, each)]
-    ranked = [each for each in agents if held.worlds[each.label] >= ENOUGH_WORLDS]
+    changed = any(BEFORE in held.moments[each.label] for each in agents)
+    when, until = (BEFORE, AFTER) if changed else (AT_THE_END, BEGINNING)
+    agents = [each for each in agents if when in held.moments[each.label]]
+    ranked = [each for each in agents if len(held.moments[each.label][when].worlds) >= ENOUGH_WORLDS]
     few = len(ranked) < min(2, len(agents))
     agents = agents if few else ranked
     found = {in_words(each.label, each.name): held.moments[each.label] for each in agents}
-    changed = any(BEFORE in of_agent for of_agent in found.values())
-    when, until = (BEFORE, AFTER) if changed else (AT_THE_END, BEGINNING)
     medians = {
         in_words(each.label, each.name): times.median.value
         for each in agents
         if (times := held.times[each.label].get(until))
     }
-    said = [_fewest({words: of[when] for words, of in found.items() if when in of}, _WHEN[when], few)]
+    said = [_fewest({words: of[when] for words, of in found.items()}, _WHEN[when], few)]
     if not few:
         said += [_cost(found) if changed else "", _again(medians, changed)]
     return [sentence for sentence in said if sentence]

@@ -128,11 +128,25 @@ def test_few_worlds_rank_nobody(finished):
 
 def test_who_is_in_few_worlds_is_not_ranked_beside_the_others(finished):
     few = ["unified_servo", {"name": "memory", "worlds": 8}, "paper_servo"]
-    of = finished(*five(), agents=few)
+    lives = pd.concat(five())
+    of = finished(lives[(lives["agent"] != "memory") | (lives["world"] < 8)], agents=few)
     assert few_worlds(of, of.head_part) == " memory is in fewer than 20 worlds: no intervals, and not ranked."
     said = " ".join(sentences(*both(of)))
     assert f"{WORDS['unified_servo']} needs the fewest motions per reach" in said
     assert WORDS["memory"] not in said
+
+
+def test_who_met_the_change_in_few_worlds_is_not_ranked_by_them(finished):
+    all_, memory = (life(agent, 4, 5, again=0) for agent in ("unified_servo", "memory"))
+    fast = memory["world"] < 3  # in others its life ends before the world changes
+    memory.loc[fast, "motions"] = 1
+    met = memory[fast | memory["motions_since_perturbation"].isna()]
+    of = finished(all_, met, life("paper_servo", 9, 9), agents=["unified_servo", "memory", "paper_servo"])
+    said = " ".join(sentences(*both(of)))
+    assert f"{WORDS['unified_servo']} needs the fewest motions per reach" in said
+    assert WORDS["memory"] not in said
+    rows = {row[0]: row[1:] for row in head_table(of).rows}
+    assert rows[WORDS["memory"]][2] == "100 % in 3 of 20 worlds"
 
 
 def test_own_trials_are_told_before_and_after_a_change(suite_data):
