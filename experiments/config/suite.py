@@ -109,6 +109,13 @@ class ScenarioConfig(Model):
         return self.model_copy(update=own)
 
     @property
+    def is_knocked(self) -> bool:
+        """Whether there is a time before its first change: the world does not drift or only begin changed."""
+        events = self.perturbations
+        later = any(event.get("at") != {"trial": 0} for event in events)
+        return later and not any("drift" in event for event in events)
+
+    @property
     def length(self) -> tuple[int, str]:
         """How long a lifetime is, and what it is counted in: "motions" or "trials"."""
         return (self.motions, "motions") if self.motions is not None else (self.trials or 0, "trials")

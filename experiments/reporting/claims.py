@@ -100,19 +100,22 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
     seconds, and of their differences in the same worlds. A world without such trials, as
     where a lifetime was over before, is left out; None where none is left, and of a change relative to zero.
     """
-    part = _part(suite, criterion.of)
+    parts = [_part(suite, trials) for trials in criterion.trials()]
     chosen = []
-    for trials in criterion.trials():
-        rows = with_cost(results[results["agent"] == trials.agent], _part(suite, trials))
+    for trials, part in zip(criterion.trials(), parts, strict=True):
+        rows = with_cost(results[results["agent"] == trials.agent], part)
         (agent,) = (each for each in suite.agents if each.label == trials.agent)
-        if rows["world"].nunique() < suite.worlds_of(agent, _part(suite, trials)):
+        if rows["world"].nunique() < suite.worlds_of(agent, part):
             return None
         chosen.append(_chosen(rows, trials))
     if criterion.measure == "kept":
         return _estimate(_kept(*chosen), criterion)
     if criterion.measure == "most_motions":
         return _most(chosen[0])
-    values = [_values(trials, part, criterion).groupby(trials["world"]).mean().dropna() for trials in chosen]
+    values = [
+        _values(trials, part, criterion).groupby(trials["world"]).mean().dropna()
+        for trials, part in zip(chosen, parts, strict=True)
+    ]
     if criterion.than is None:
         return _estimate(values[0], criterion)
     both = values[0].index.intersection(values[1].index)

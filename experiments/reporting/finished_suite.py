@@ -50,10 +50,10 @@ class FinishedSuite:
 
     @property
     def head_part(self) -> ScenarioConfig | SweepConfig:
-        """What its head is about: its first scenario with a change and held-out trials, if any."""
+        """What its head is about: its first scenario with a knock and held-out trials, if any."""
         held_out = [each for each in self.suite.scenarios if self.suite.evaluation_of(each)]
-        changed = [each for each in held_out if each.perturbations]
-        return (*changed, *held_out, *self.suite.parts)[0]
+        knocked = [each for each in held_out if each.is_knocked]
+        return (*knocked, *held_out, *self.suite.parts)[0]
 
     def runs_of(self, agent: AgentConfig) -> list[str]:
         """The ids of the finished runs of an agent."""

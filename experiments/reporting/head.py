@@ -91,7 +91,7 @@ def table_of(
 
 
 def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, str]:
-    changes = bool(held.scenario.perturbations)
+    changes = held.scenario.is_knocked
     shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
     column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
     until_good = f"motions until {_GOOD} of trials reach{' → again after it' * changes}"
@@ -108,8 +108,8 @@ def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, s
             f"trials that reach {shown[-1]}": share,
             until_good: " → ".join(until),
         }
-    met = knocks(held.scenario)
-    knock = f" The knock: {met[0].words}." if met else ""
+    met = next((each for each in knocks(held.scenario) or () if each.trial != 0), None)
+    knock = f" The knock: {met.words}." if met else ""
     steps = evaluation.per_decade
     apart = f"; checkpoints are {10 ** (1 / steps):.1f}-fold apart" if steps else ""
     return found, (

@@ -111,6 +111,8 @@ class HeldOut:
 def held_out(finished: FinishedSuite, scenario: ScenarioConfig) -> HeldOut:
     """What the held-out trials of a scenario come to."""
     rows = with_clocks(with_cost(finished.results, scenario))
+    if not scenario.is_knocked:
+        rows = rows.assign(stretch=0, clock=rows["lifetime_motions"])
     worlds = finished.worlds_in(scenario)
     of_agents = {agent: (rows[rows["agent"] == agent], amount) for agent, amount in worlds.items()}
     return HeldOut(
@@ -126,14 +128,14 @@ def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
     """Of the rows of `with_cost` the held-out trials, each with the `stretch` and `clock` of its checkpoint.
 
     The stretch is how many times the world had changed before it, and the clock counts motions since the last
-    time, or since the beginning. The agents' own trials tell of changes, too, after which nothing was held
-    out.
+    time, or since the beginning; what a life began with is no change. The agents' own trials tell of changes,
+    too, after which nothing was held out.
     """
     since = pd.Series(
         rows["motions_since_perturbation"].astype("Float64").to_numpy(float, na_value=np.nan), rows.index
     )
-    changed_at = rows["lifetime_motions"] - since
-    stretch = changed_at.groupby([rows["agent"], rows["world"]]).rank("dense").fillna(0).astype(int)
+    changed_at = (rows["lifetime_motions"] - since).fillna(-1)
+    stretch = changed_at.groupby([rows["agent"], rows["world"]]).rank("dense").astype(int) - 1
     clocked = rows.assign(stretch=stretch, clock=since.fillna(rows["lifetime_motions"]))
     return clocked[clocked["phase"] == "eval"]
 

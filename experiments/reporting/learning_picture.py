@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.config.in_words import again_and_again, knocks, schedule_in_words
+from experiments.config.in_words import Knock, again_and_again, knocks, schedule_in_words
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.figures import (
     ASIDE,
@@ -123,8 +123,14 @@ _MOST_MARKS = 3
 """So many powers of ten beside 1 are told apart in a narrow panel."""
 
 
-def _in_one_panel(scenario: ScenarioConfig) -> bool:
+def _later_knocks(scenario: ScenarioConfig) -> list[Knock] | None:
+    """Those that a life does not begin with; None where their order is not known."""
     known = knocks(scenario)
+    return None if known is None else [each for each in known if each.trial != 0]
+
+
+def _in_one_panel(scenario: ScenarioConfig) -> bool:
+    known = _later_knocks(scenario)
     return known is None or len(known) >= _MOST_PANELS
 
 
@@ -146,11 +152,11 @@ def _alike_high(titles: list[str]) -> list[str]:
 
 
 def _title(scenario: ScenarioConfig, stretch: int) -> str:
-    known = knocks(scenario)
+    known = _later_knocks(scenario)
     if known is None:
         return again_and_again(scenario) or schedule_in_words(scenario)
     if not known:
-        return ""
+        return schedule_in_words(scenario)
     if _in_one_panel(scenario):
         return f"{len(known)} changes of the world"
     words = known[min(stretch, len(known)) - 1].words if stretch else "from the beginning"

@@ -28,8 +28,8 @@ class Onlooker:
     def before_motion(self) -> None:
         """The agent is about to move, in the world of its last motion."""
 
-    def before_change(self) -> None:
-        """The world is about to change."""
+    def before_change(self, trial: int) -> None:
+        """The world is about to change, in the trial of this index."""
 
     def after_change(self) -> None:
         """The world has changed, and the agent has not moved in it yet."""
@@ -144,7 +144,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         changes = [*self._applied_by_reset, *applied]
         self._applied_by_reset = []
         if changes:
-            self.onlooker.before_change()
+            self.onlooker.before_change(self._trial)
         self.world = env.world
         for perturbation in changes:
             self.perturbations.append((self.motions, self._trial, perturbation.to_dict()))
@@ -259,7 +259,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
             rows: Any = self.env.unwrapped
             rows.set_world(world)
         if changes:
-            self.onlooker.before_change()
+            self.onlooker.before_change(self.trials)
         self.world = world
         self.perturbations += changes
         if changes:

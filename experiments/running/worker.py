@@ -17,6 +17,7 @@ import gymnasium
 import agents
 from calfree_gym import World
 from calfree_gym.perturbations import parse_schedule
+from calfree_gym.perturbations.schedule import Event
 from experiments.config.requirements import requirements
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
@@ -102,8 +103,8 @@ def _recorder(
 class Checkpoints(Onlooker):
     """Evaluates an agent on schedule, and right before and after a perturbation, without learning in between.
 
-    Where one comes again and again, this is done once between two scheduled checkpoints, so that a world
-    that is perturbed at every trial does not turn into one long evaluation.
+    Where one comes again and again, this is done once between two scheduled checkpoints or changes that come
+    once, so that a world that is perturbed at every trial does not turn into one long evaluation.
     """
 
     run: LifetimeRun
@@ -135,22 +136,26 @@ class Checkpoints(Onlooker):
             self._again = False
             self.evaluate()
 
-    def before_change(self) -> None:
+    def before_change(self, trial: int) -> None:
         """Evaluates in the world as it still is."""
-        if not self._again:
+        if not self._again or len(self._ahead(trial)) < len(self._once):
             self.evaluate()
 
     def after_change(self) -> None:
         """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
-        motions, trial, _ = self.recorder.perturbations[-1]
-        counts = {"motion": motions, "trial": trial}
-        ahead = [event for event in self._once if event.at > counts[event.clock]]
+        _, trial, _ = self.recorder.perturbations[-1]
+        ahead = self._ahead(trial)
         once, self._once = len(ahead) < len(self._once), ahead
         if once and self._evaluation.begins_anew:
             self._schedule()
         if once or not self._again:
             self.evaluate()
         self._again = not once
+
+    def _ahead(self, trial: int) -> list[Event]:
+        """What comes once, and after this moment."""
+        counts = {"motion": self.recorder.motions, "trial": trial}
+        return [event for event in self._once if event.at > counts[event.clock]]
 
     def _schedule(self) -> None:
         """Adds the checkpoints that are counted from now on."""

@@ -6,10 +6,17 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 import agents
-from experiments.config.life import EvaluationConfig, with_shares_as_motions
+from experiments.config.life import EvaluationConfig, most_motions, with_shares_as_motions
 from experiments.config.loading import load_as, read_mapping, read_yaml
 from experiments.config.model import Model, distinctly_named, known, one_of
 from experiments.config.requirements import requirements, unfit_life
@@ -96,9 +103,10 @@ class TunedAgentConfig(Model):
         return value
 
     def defaults(self) -> dict[str, Any]:
-        """What the varied settings are by default; those that the agent does not have are missing."""
+        """What the varied settings are by default, as in YAML; those that the agent lacks are missing."""
         known = agents.default_settings(self.name, **self.settings)
-        return {name: known[name] for name in (*self.ranges, *self.choices) if name in known}
+        found = {name: known[name] for name in (*self.ranges, *self.choices) if name in known}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
 
 
 class TuningScenarioConfig(ScenarioConfig):
@@ -112,6 +120,15 @@ class TuningScenarioConfig(ScenarioConfig):
     evaluation: EvaluationConfig
     worlds: int = Field(gt=0)
     check_worlds: int = Field(gt=1)
+
+    @field_validator("evaluation")
+    @classmethod
+    def _within_its_lifetimes(cls, value: EvaluationConfig, info: ValidationInfo) -> EvaluationConfig:
+        if value.at and {"env", "motions", "trials"} <= info.data.keys():
+            most = most_motions(info.data["motions"], info.data["trials"], info.data["env"])
+            if value.at[-1] > most:
+                raise ValueError(f"evaluation.at has {value.at[-1]}; lifetimes have at most {most} motions")
+        return value
 
     @field_validator("agents")
     @classmethod
@@ -252,9 +269,11 @@ def _unbuildable(
     agent: TunedAgentConfig, scenario: TuningScenarioConfig, settings: dict[str, Any]
 ) -> str | None:
     """Why the agent cannot be made with these settings, if so."""
-    whole = AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings)
     try:
+        whole = AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings)
         rows = requirements(whole, scenario.env).rows
+    except ValidationError as error:
+        return error.errors()[0]["msg"].removeprefix("Value error, ")
     except Exception as error:  # whatever a library raises at a setting that it cannot use
         return f"{error}"
     unfit = unfit_life(scenario, whole, scenario.evaluation, rows) if rows > 1 else {}

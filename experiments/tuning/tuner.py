@@ -62,7 +62,8 @@ class Study:
     def __init__(self, agent: TunedAgentConfig, seed: int):
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self.tries: list[Try] = []
-        self._defaults, self._choices, self._seed = agent.defaults(), agent.choices, seed
+        self._defaults, self._ranges, self._choices = agent.defaults(), agent.ranges, agent.choices
+        self._seed = seed
         self._distributions: dict[str, BaseDistribution] = {
             **{name: _numbers(found) for name, found in agent.ranges.items()},
             # as JSON: Optuna keeps texts and numbers only
@@ -105,7 +106,7 @@ class Study:
             if name in self._choices
             else value
             if isinstance(value, int)
-            else float(f"{value:.{DIGITS}g}")
+            else min(max(float(f"{value:.{DIGITS}g}"), self._ranges[name].low), self._ranges[name].high)
             for name, value in suggested.items()
         }
 

@@ -208,6 +208,16 @@ def test_seconds_depend_on_the_look():
         assert found_in(eight_looks, "seconds", look=look).estimate.value == pytest.approx(expected)
 
 
+def test_seconds_go_on_to_the_cap_of_their_own_scenario():
+    failed = np.full((WORLDS, 2), CAP)
+    both = [rows("paper_servo", failed), rows("paper_servo", failed, scenario="away", phase="train")]
+    home, away = SUITE["scenarios"]
+    suite = {**SUITE, "scenarios": [home, {**away, "env": {**ENV, "max_episode_steps": 2 * CAP}}]}
+    number = Number(measure="seconds", of=trials_of(), than=trials_of(**AWAY), look=4)
+    found = measured(pd.concat(both), Suite.model_validate(suite), number)
+    assert found.estimate.value == -5 * CAP
+
+
 @pytest.mark.parametrize(
     ("low", "high", "bound", "half_intervals", "expected"),
     [

@@ -10,6 +10,7 @@ from experiments.reporting.figures import in_words
 from experiments.reporting.finished_suite import about, few_worlds
 from experiments.reporting.head import sentences, table_of
 from experiments.reporting.held_out import held_out
+from tests.experiments.fakes import AIM
 from tests.experiments.reporting.made_up import finished_suite, results
 
 WORLDS, CAP = 20, 20
@@ -97,6 +98,30 @@ def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished,
     table = head_table(of)
     assert table.header[2] == "motions per reach at the end"
     assert {cell for row in table.rows for cell in row[2:4]} == {"–"}, "no run of it has finished"
+
+
+def test_the_knock_is_not_what_lives_begin_with(finished, suite_data):
+    (aimed,) = suite_data["scenarios"]
+    noise = {"at": {"trial": 0}, "do": {"type": "point_noise", "px": 1}}
+    noisy = {**aimed, "name": "noisy", "perturbations": [noise]}
+    aimed["perturbations"].insert(0, noise)
+    lives = pd.concat(five())
+    since = lives["motions_since_perturbation"].fillna(lives["lifetime_motions"])
+    of = finished(lives.assign(motions_since_perturbation=since), scenarios=[noisy, aimed])
+    assert of.head_part.name == "aimed"
+    table = head_table(of)
+    assert [row[2] for row in table.rows if row[0] == WORDS["unified_servo"]] == ["4.0 → 5.0"]
+    assert "The knock: left camera turned by 20°." in table.note
+
+
+def test_of_a_drift_the_end_is_told(finished, suite_data):
+    (aimed,) = suite_data["scenarios"]
+    drift = {"drift": {"per": "motion"}, "do": {**AIM, "degrees": 0.01}}
+    of = finished(*five(), scenarios=[{**aimed, "perturbations": [drift, *aimed["perturbations"]]}])
+    table = head_table(of)
+    assert table.header[2] == "motions per reach at the end"
+    assert [row[2:] for row in table.rows if row[0] == WORDS["memory"]] == [["2.0", "100 %", "25"]]
+    assert sentences(*both(of))[0].startswith("At the end, ")
 
 
 def test_three_sentences_rank_those_who_can_be_told_apart(finished):

@@ -85,9 +85,11 @@ def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_moti
     assert list(moments(calm, 1, CAP)) == ["at the end"]
 
 
-def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
-    rows = table(scenario, (0, 0, 0, True, 10), (0, 300, 300, True, 10))
-    assert list(moments(rows, 1, CAP)) == ["right after", "at the end"]
+def test_what_a_lifetime_begins_with_is_no_change(scenario):
+    noisy = [(0, 0, 0, True, 9), (0, 200, 200, True, 10)]
+    assert list(moments(table(scenario, *noisy), 1, CAP)) == ["at the end"]
+    found = moments(table(scenario, *noisy, (0, 200, 0, True, 50), (0, 300, 100, True, 20)), 1, CAP)
+    assert [found[when].motions.value for when in ("before", "right after", "at the end")] == [10, 50, 20]
 
 
 def test_a_trial_without_a_rendezvous_counts_as_the_cap(scenario):

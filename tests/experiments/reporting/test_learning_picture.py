@@ -137,6 +137,17 @@ def test_without_a_knock_there_is_one_panel():
     assert "10th to 90th percentile" in figure.get_supxlabel()
 
 
+def test_what_lives_begin_with_has_no_panel():
+    whole = lives(4, agents=("memory",))
+    (aimed,), rows = whole.suite.scenarios, whole.results
+    noise = {"at": {"trial": 0}, "do": {"type": "point_noise", "px": 1}}
+    noisy = aimed.model_copy(update={"perturbations": (noise, *aimed.perturbations)})
+    since = rows["motions_since_perturbation"].fillna(rows["lifetime_motions"])
+    rows, suite = rows.assign(motions_since_perturbation=since), whole.suite
+    figure = drawn(replace(whole, results=rows, suite=suite.model_copy(update={"scenarios": (noisy,)})))
+    assert [axes.get_title("left")[:11] for axes in figure.axes] == ["from the be", "left camera"]
+
+
 def test_labels_stand_where_they_are_wanted_or_beside_each_other():
     heights = np.full(4, 0.1)
     np.testing.assert_allclose(spread(np.array([0.5, 0.1, 0.9, 0.3]), heights), [0.5, 0.1, 0.9, 0.3])

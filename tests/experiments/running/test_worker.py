@@ -163,3 +163,16 @@ def test_a_world_that_changes_again_and_again_is_no_long_evaluation(suite_data, 
     suite_data["scenarios"][0]["perturbations"] = [{"every": {"motion": 10}, "do": TURN}]
     made, _ = live("random", every=40)
     assert made == [(0, None), (10, None), (10, 0), (40, 10), (40, 0), (80, 10), (80, 0), (90, 10)]
+
+
+@pytest.mark.parametrize("once", [{"motion": 55}, {"trial": 3}], ids=str)
+def test_a_change_that_comes_once_among_those_that_come_again_is_seen_from_both_sides(suite_data, live, once):
+    suite_data["scenarios"][0]["perturbations"] = [
+        {"every": {"motion": 10}, "do": TURN},
+        {"at": once, "do": TURN},
+    ]
+    suite_data["scenarios"][0]["env"] |= {"tolerance_px": 0.01, "max_episode_steps": 15}  # never reached
+    at = once.get("motion", 45)
+    made, _ = live("random", every=90)
+    assert made[:3] == [(0, None), (10, None), (10, 0)]
+    assert made[3:] == [(at, 5), (at, 0), (at + 5, 5), (at + 5, 0), (90, 10)]

@@ -41,12 +41,14 @@ def shipped():
         (("agents", 0, "choices"), {"estimator": ["kalman", "x"]}, "agents.0.choices.estimator.1", "rls"),
         (("agents", 0, "settings"), {"damping": 0.1}, "agents.0.choices", "settings gives damping already"),
         (("agents", 0, "settings"), {"dampin": 0.1}, "agents.0.settings", "did you mean damping"),
+        (("agents", 0, "settings"), {"seed": 3}, "agents.0.settings", "seeds are drawn"),
         (("agents",), [], "agents", "at least 1"),
         (("tries",), 0, "tries", "greater than 0"),
         (("cpu_minute",), 3, "cpu_minute: unknown key (did you mean cpu_minutes?)", "allowed: seed, tries"),
         (("scenarios", 0, "agents"), ["sac"], "scenarios.0.agents", "each agent names its scenario"),
         (("scenarios", 0, "worlds"), 0, "scenarios.0.worlds", "greater than 0"),
         (("scenarios", 0, "evaluation", "every"), 91, "scenarios.0.evaluation.every is 91", "at most 90"),
+        (("scenarios", 0, "evaluation"), {"at": [91], "trials": 2}, "scenarios.0.evaluation.at", "most 90"),
         (("scenarios", 0, "perturbations", 0, "at"), {"motion": 90}, "scenarios.0.perturbations.0", "never"),
     ],
 )
@@ -56,6 +58,18 @@ def test_errors_say_where_what_and_what_else(tuning_data, refused, path, value, 
     assert f"\n  {where}" in found
     assert said in found
     assert found.count("\n") == 1
+
+
+def test_a_seed_is_not_varied(tuning_data, refused):
+    tuning_data["agents"][0]["ranges"] = {"seed": {"low": 0, "high": 9}}
+    assert "agents.0.ranges.seed.high: found 9: seeds are drawn" in refused(tuning_data, load=load_tuning)
+
+
+def test_sizes_that_are_tuples_by_default_are_lists_in_yaml(tuning_data, write_config):
+    sizes = {"hidden": [[32, 32], [64, 64]]}
+    tuning_data["agents"] = [{"name": "self_supervised", "scenario": "aimed", "choices": sizes}]
+    (agent,) = load_tuning(write_config(tuning_data)).agents
+    assert agent.defaults() in [{"hidden": size} for size in sizes["hidden"]]
 
 
 def test_worlds_of_a_suite_beside_it_are_refused(tuning_data, suite_data, write_config, tmp_path):

@@ -156,6 +156,13 @@ def test_settings_that_come_again_cost_nothing(tune):
     assert all(each["objective"] in (10.0, 11.0, None) for each in again)
 
 
+def test_rounded_settings_stay_within_their_range(tune):
+    damping = {"low": 0.05, "high": 0.05009}
+    agent = {"name": "jacobian_servo", "scenario": "aimed", "ranges": {"damping": damping}}
+    found = [each["damping"] for each in settings_of(tune(KnownLifetimes(quadratic), agents=[agent]))]
+    assert max(found) == 0.05009
+
+
 def test_tries_of_other_code_or_of_another_configuration_are_refused(tune):
     tune(KnownLifetimes(quadratic), tries=2)
     with pytest.raises(
