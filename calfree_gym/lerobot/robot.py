@@ -162,7 +162,7 @@ def read_encoders(robot: LeRobot, motors: Sequence[str]) -> dict[str, Encoder]:
     if not hasattr(bus, "set_half_turn_homings"):
         return {}
     bus.calibration = bus.read_calibration()
-    takes = -1 if "Dynamixel" in type(bus).__name__ else 1
+    takes = -1 if any("Dynamixel" in kind.__name__ for kind in type(bus).__mro__) else 1
     encoders = {}
     for name in motors:
         known = bus.calibration[name]

@@ -257,9 +257,8 @@ class DockArms(Arms):
     def wheels(self) -> Array:
         """What words do in all rows (N, 4 m): the arc (3,) of a word of 1 of each motor, then its curvatures.
 
-        What `longest_motion` cuts off of a word is left out.
-
-        An arc is how far a base comes ahead and to the left, in m, and about, in rad, but for the curve.
+        An arc is how far a base comes ahead and to the left, in m, and about, in rad, but for the curve and
+        what `longest_motion` cuts off.
         """
         worlds = [None if self.needs_seed(row) else self.world(row) for row in range(self.rows)]
         motors = len(self.base.motors)
