@@ -17,7 +17,7 @@ $(STAMP): constraints.txt pyproject.toml
 lint: venv
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy
+	$(BIN)/mypy -n $(JOBS)
 
 # What agents choose must not hang on how a processor's kernel of linear algebra rounds: the shorter tests once more
 # under the oldest that numpy has for x86-64 (elsewhere under the same one again).
