@@ -142,6 +142,12 @@ def knocks(scenario: ScenarioConfig) -> list[Knock] | None:
     return _knocks(scenario) if len(by_trials) < 2 else None
 
 
+def later_knocks(scenario: ScenarioConfig) -> list[Knock] | None:
+    """Those of `knocks` that a life does not begin with."""
+    known = knocks(scenario)
+    return None if known is None else [each for each in known if each.trial != 0]
+
+
 def _knocks(scenario: ScenarioConfig) -> list[Knock]:
     found: dict[tuple[str, float], list[str]] = {}
     for event in scenario.perturbations:

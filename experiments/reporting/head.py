@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pandas as pd
 
-from experiments.config.in_words import knocks
+from experiments.config.in_words import knocks, later_knocks
 from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
@@ -108,8 +108,8 @@ def _of_held_out(held: HeldOut, evaluation: EvaluationConfig) -> tuple[_Cells, s
             f"trials that reach {shown[-1]}": share,
             until_good: " → ".join(until),
         }
-    met = next((each for each in knocks(held.scenario) or () if each.trial != 0), None)
-    knock = f" The knock: {met.words}." if met else ""
+    met = later_knocks(held.scenario)
+    knock = f" The knock: {met[0].words}." if met else ""
     steps = evaluation.per_decade
     apart = f"; checkpoints are {10 ** (1 / steps):.1f}-fold apart" if steps else ""
     return found, (

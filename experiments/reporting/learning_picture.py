@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.config.in_words import Knock, again_and_again, knocks, schedule_in_words
+from experiments.config.in_words import again_and_again, later_knocks, schedule_in_words
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.figures import (
     ASIDE,
@@ -123,14 +123,8 @@ _MOST_MARKS = 3
 """So many powers of ten beside 1 are told apart in a narrow panel."""
 
 
-def _later_knocks(scenario: ScenarioConfig) -> list[Knock] | None:
-    """Those that a life does not begin with; None where their order is not known."""
-    known = knocks(scenario)
-    return None if known is None else [each for each in known if each.trial != 0]
-
-
 def _in_one_panel(scenario: ScenarioConfig) -> bool:
-    known = _later_knocks(scenario)
+    known = later_knocks(scenario)
     return known is None or len(known) >= _MOST_PANELS
 
 
@@ -152,7 +146,7 @@ def _alike_high(titles: list[str]) -> list[str]:
 
 
 def _title(scenario: ScenarioConfig, stretch: int) -> str:
-    known = _later_knocks(scenario)
+    known = later_knocks(scenario)
     if known is None:
         return again_and_again(scenario) or schedule_in_words(scenario)
     if not known:

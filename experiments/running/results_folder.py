@@ -186,7 +186,7 @@ def _lock(out: Path, seconds: float) -> FileLock:
 def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
     """Checks that all that has finished in a folder was made by this code from this configuration.
 
-    More agents, scenarios and worlds (not worlds of a sweep) than before are no other configuration.
+    More agents, scenarios and worlds of scenarios than before are no other configuration.
     """
     known = {run.id for run in runs_of(suite)}
     finished = sorted(folder for folder in (out / RUNS).glob("*") if is_done(folder))

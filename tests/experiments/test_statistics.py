@@ -136,6 +136,8 @@ def test_worlds_without_a_number_are_left_out():
     assert median_world(some) == median_world(some[:21])
     assert median_world(some).has_interval
     assert not median_world(some[2:]).has_interval, "19 worlds are few, however many there are without"
+    assert median_world(np.append(np.arange(15.0), [np.nan] * 5)).value == 7
+    assert not median_world(np.append([1.0, 2.0], [np.nan] * 18)).has_interval  # 3 of 4 samples
     assert np.isnan(median_world(np.full(20, np.nan)).value)
 
 
