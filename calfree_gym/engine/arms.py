@@ -461,7 +461,7 @@ class Arms(ABC):
 
     def check_begun(self, rows: Rows = slice(None)) -> None:
         """Raises ResetNeeded where no trial has begun in some of these rows."""
-        if not np.logical_and.reduce(self._begun[rows]):
+        if np.count_nonzero(begun := self._begun[rows]) < len(begun):  # faster than all
             raise gym.error.ResetNeeded("no trial has begun: call reset() first")
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:

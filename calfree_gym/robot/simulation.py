@@ -66,7 +66,7 @@ class Simulation(OfWorlds, ABC):
         self.rows = rows
         self._robot = robot
         self._model, self.prefix, self.covers = scene.model, scene.prefix, scene.covers
-        self._batch = Batch(self._model, rows, nthread=threads)
+        self._batch = Batch(scene.stepped, rows, nthread=threads)
         keep_in_copies(self._batch)
         self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
@@ -212,7 +212,8 @@ if hasattr(os, "register_at_fork"):
 SUBSTEPS = 100
 """Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
 DYNAMICS = ("physics", "kinematic")
-_NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+NOT_STEPPED = int(mujoco.mjtDisableBit.mjDSBL_SENSOR | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+"""Off while arms move that touch nothing: only `refresh` needs sensors, and motors stop before joints do."""
 
 
 class ReachSimulation(Simulation):
@@ -262,7 +263,7 @@ class ReachSimulation(Simulation):
 
     def _settle(self, rows: Rows, joints: Array) -> None:
         """Lets the arms of `rows` follow their servos to joints at (n, j)."""
-        self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
+        self._disabled.fill(self._flags | NOT_STEPPED)
         self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
         self._disabled.fill(self._flags)
 

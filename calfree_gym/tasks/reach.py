@@ -71,7 +71,7 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
         visible: Which of them are seen now (N, p).
         tolerance: Of the rendezvous, in image units.
     """
-    if np.logical_and.reduce(visible, axis=None):
+    if np.count_nonzero(visible) == visible.size:  # faster than all
         return points
     half = points.shape[1] // 2
     near = rendezvous(lengths(points[:, :half] - points[:, half:]), NEAR * tolerance)

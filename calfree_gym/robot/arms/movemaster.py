@@ -15,6 +15,7 @@ from calfree_gym.robot.arms.scene import (
     add_rig,
     add_sensors,
     add_surroundings,
+    compiled_scene,
     first_sensor,
 )
 
@@ -164,9 +165,9 @@ class Movemaster(Robot):
         add_rig(spec, mounts)
         add_sensors(spec)
         add_surroundings(spec)
-        model, still, places = spec.compile(), np.zeros(5), np.arange(5)
+        (model, stepped), still, places = compiled_scene(spec), np.zeros(5), np.arange(5)
         sensors = first_sensor(model)
-        return Scene(model, still, still, still, places, places, sensors, prefix="", covers=COVERS)
+        return Scene(model, stepped, still, still, still, places, places, sensors, prefix="", covers=COVERS)
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""

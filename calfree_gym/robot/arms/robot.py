@@ -206,6 +206,7 @@ class Scene(NamedTuple):
 
     Attributes:
         model: The model.
+        stepped: What physics steps: of an arm that touches nothing, the same without shapes.
         home: Of all joints (nq,).
         ctrl: Of all actuators (nu,), at home.
         act: Of all states of actuators (na,), at home.
@@ -217,6 +218,7 @@ class Scene(NamedTuple):
     """
 
     model: mujoco.MjModel
+    stepped: mujoco.MjModel
     home: Array
     ctrl: Array
     act: Array

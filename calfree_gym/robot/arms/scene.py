@@ -171,13 +171,14 @@ def build(
     add_sensors(spec, PREFIX)
     add_surroundings(spec, PREFIX)
     covers = _add_sky(spec)
-    model = spec.compile()
+    model, stepped = compiled_scene(spec)
     servos = [i for i in range(model.nu) if model.actuator(i).name.startswith(PREFIX)]
     targets = home_qpos[model.jnt_qposadr[model.actuator_trnid[servos, 0]]]
     ctrl, act = np.zeros(model.nu), np.zeros(model.na)
     ctrl[servos] = act[model.actuator_actadr[servos]] = targets
     return Scene(
         model,
+        stepped,
         home_qpos,
         ctrl,
         act,
@@ -187,6 +188,21 @@ def build(
         prefix=PREFIX,
         covers=covers,
     )
+
+
+def compiled_scene(spec: Any) -> tuple[mujoco.MjModel, mujoco.MjModel]:
+    """The model of a spec, and what of it is stepped, see `Scene`."""
+    model = spec.compile()
+    if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return model, model
+    spec = spec.copy()
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    spec.compiler.discardvisual = True  # bodies keep the inertia that their shapes gave them
+    try:
+        return model, spec.compile()
+    except ValueError:  # with inertiafromgeom="true" they have none then
+        return model, model
 
 
 def first_sensor(model: mujoco.MjModel, prefix: str = "") -> int:

@@ -331,7 +331,7 @@ class GrippingArm(Movemaster):
         for jaw in JAWS:
             qpos[model.joint(jaw).qposadr[0]] = self.opening
         ctrl[model.actuator("M6").id] = self.opening
-        return Scene(model, qpos, ctrl, np.zeros(0), arm, servos, sensors=0, prefix="", covers=COVERS)
+        return Scene(model, model, qpos, ctrl, np.zeros(0), arm, servos, sensors=0, prefix="", covers=COVERS)
 
     def furnish(self, spec: Any) -> None:
         """Adds the gripper, what it touches, and marks, to the arm's `spec`."""

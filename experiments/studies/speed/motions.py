@@ -31,7 +31,7 @@ from calfree_gym.engine.sight import SHADOWS_FROM
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.simulation import SUBSTEPS
+from calfree_gym.robot.simulation import NOT_STEPPED, SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
 from experiments.studies.common import GRASP, REACH, arms_of_tests
 
@@ -126,7 +126,7 @@ def ratios(rounds: int) -> Iterator[Line]:
     few = max(rounds // 3, 1)
     yield _single(rounds, truth=False, required=0.92)
     yield _single(rounds, truth=True)
-    yield _single(rounds, truth=False, sensors=False)
+    yield _single(rounds, truth=False, bare=True)
     yield _batched(rounds, truth=False, required=0.97)
     yield _batched(rounds, truth=True)
     yield _kinematic(rounds, threads=1, required=1.2)
@@ -140,22 +140,23 @@ def ratios(rounds: int) -> Iterator[Line]:
     yield from grasping(few)
 
 
-def _single(rounds: int, truth: bool, required: float | None = None, sensors: bool = True) -> Line:
+def _single(rounds: int, truth: bool, required: float | None = None, bare: bool = False) -> Line:
     """One environment, one thread.
 
-    `mj_step` computes sensors in every substep, our environment once a motion; without `sensors`, the bare
-    loop computes none.
+    `mj_step` computes sensors and places shapes in every substep. Our environment computes sensors once a
+    motion, and moves the arm without shapes and constraints: so does the other loop where it is to be `bare`.
     """
     motions = 50
-    model = bare_model()
-    if not sensors:
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-    bare = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)
-    ours, other = "" if truth else ", truth=False", "" if sensors else " without sensors"
+    scene = MOVEMASTER.scene(MOVEMASTER.mounts("waist"))
+    model = scene.stepped if bare else scene.model
+    if bare:
+        model.opt.disableflags |= NOT_STEPPED
+    stepped = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)
+    ours, other = "" if truth else ", truth=False", " of as little" if bare else ""
     what = f"a motion of one arm{ours} / mj_step{other}"
     with pinned(1):
         moving = timer(stepping(1, motions, truth=truth), motions)
-        return in_turns(what, moving, timer(bare, motions), rounds, required)
+        return in_turns(what, moving, timer(stepped, motions), rounds, required)
 
 
 def repeated(function: Callable[[], object], times: int) -> Callable[[], None]:

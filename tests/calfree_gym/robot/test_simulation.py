@@ -2,18 +2,21 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
-from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym import MOUNTS, Arm, WorldDistribution, nominal
 from calfree_gym.robot import workspace
 from calfree_gym.robot.arms.arm import robot_of
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.kinematic import KinematicSimulation
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
+from calfree_gym.robot.simulation import DYNAMICS, SUBSTEPS, ReachSimulation
 from calfree_gym.robot.workspace import CHECKED, Workspaces, judging_draws
+from tests.arms.every import EVERY as ALL_ARMS
 from tests.arms.every import arm_named, rows_of
+from tests.arms.own import three_hinges
 from tests.calfree_gym.environments import begun, kinematic
 
 ROWS = 32
@@ -47,6 +50,35 @@ def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
         near = (depth > 0.1) & (np.abs(b - 256) < 256).all(-1)
         assert near.sum() > ROWS
         assert np.abs(a - b)[near].max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["movemaster", *ALL_ARMS])
+def test_an_arm_that_is_stepped_without_its_shapes_moves_as_the_whole_does(name):
+    robot = robot_of(name if name == "movemaster" else arm_named(name))
+    world, rng = WorldDistribution("wild").sample(3, robot=robot), np.random.default_rng(2)
+    simulation, motors = ReachSimulation(1, robot, robot.mounts("waist"), threads=1), MotorMap(1, robot)
+    simulation.set_world(0, world)
+    motors.set_world(0, world)
+    simulation.place(EVERY, motors.joints(np.zeros((1, len(robot.motors))), EVERY), robot.rig.target[None])
+    model, data = simulation.show(0, simulation.picture())
+    assert model.ngeom > simulation._batch.model.ngeom == 0
+    data.ctrl[:], data.act[:] = simulation._all_ctrl[0], simulation._all_act[0]
+    for _ in range(4):
+        simulation.move(EVERY, motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY))
+        simulation.refresh()
+        data.ctrl[:] = simulation._all_ctrl[0]
+        mujoco.mj_step(model, data, SUBSTEPS)
+        np.testing.assert_array_equal(data.qpos, simulation.configuration(0))
+        mujoco.mj_forward(model, data)
+        first = simulation._scene.sensors
+        np.testing.assert_array_equal(data.sensordata[first : first + 8], simulation._pixels[0].ravel())
+
+
+def test_an_arm_whose_inertia_always_follows_from_its_shapes_keeps_both():
+    text = three_hinges(90, 0.2).replace("<mujoco>", '<mujoco><compiler inertiafromgeom="true"/>')
+    scene = Arm(text, "tip").robot.scene(("world", "world"))
+    assert scene.stepped.ngeom == scene.model.ngeom
+    np.testing.assert_array_equal(scene.stepped.body_inertia, scene.model.body_inertia)
 
 
 def test_what_follows_in_closed_form_is_what_mujoco_computes(pair):
@@ -173,6 +205,18 @@ def test_the_spread_of_motions_is_what_was_set(name):
         assert np.abs(of_motors).max() < 4.5 / np.sqrt(n)
         assert np.abs(of_motions).max() < 4.5 / np.sqrt(n)
         assert np.abs(flat).max() < 6
+
+
+def test_physics_settles_where_kinematics_places_it_also_at_a_stop():
+    sigma, rng = np.full(3, 0.02), np.random.default_rng(3)  # twice as far as motors stop before joints do
+    benches = [begun(Bench("movemaster", MANY, dynamics, repeatability=sigma)) for dynamics in DYNAMICS]
+    limits, beyond = MOVEMASTER.stops.T, 0
+    for _ in range(4):
+        words = rng.choice([-1.0, 1.0], 3)
+        physics, kinematic = (bench.move(words) for bench in benches)
+        assert physics == pytest.approx(kinematic, abs=1e-5)
+        beyond += ((kinematic < limits[0]) | (kinematic > limits[1])).sum()
+    assert beyond > MANY
 
 
 @pytest.mark.parametrize("error", ERRORS)
