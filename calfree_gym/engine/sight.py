@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
-from calfree_gym.rendering.stereo_images import StereoImages
+from calfree_gym.rendering.stereo_images import Exposure, StereoImages
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.streams import MotionNumbers
@@ -143,6 +144,9 @@ SHADOWS_FROM = 256
 """Images of fewer pixels have no shadows. Choice: those who ask for small images want them fast, and shadows
 take two thirds of their time."""
 
+TOGETHER = 8
+"""Rows whose images are developed, and looked at, together: while the next ones are rendered. Choice."""
+
 Seen = tuple[NDArray[Any], ...]
 """Points (N, p, 2), which of them were seen (N, p), and images, where they are delivered."""
 
@@ -243,14 +247,30 @@ class RenderedSight(Sight):
         if self._renderer is None:
             shadows = self._size >= SHADOWS_FROM
             self._renderer = StereoImages(self._simulation, self._rig, self._size, shadows)
+        if self._depth:
+            for row in rows.tolist():
+                self._images[row] = self._renderer.depths(row, self._worlds[row])
+            return
         places = self._places.at(trials, motions)
-        for row in rows.tolist():
-            world = self._worlds[row]
-            if self._depth:
-                self._images[row] = self._renderer.depths(row, world)
-                continue
-            for camera, light in enumerate(self._renderer.colours(row, world)):
-                self._images[row, camera] = self._sensors.image(light, world, camera, places[row, camera])
+        parts = np.split(rows, range(TOGETHER, len(rows), TOGETHER))
+        exposures = ([self._renderer.exposed(row, self._worlds[row]) for row in part] for part in parts)
+        if len(parts) == 1:
+            self._develop(rows, next(exposures), places)
+            return
+        with ThreadPoolExecutor(max_workers=1) as laboratory:
+            each = [
+                laboratory.submit(self._develop, part, seen, places)
+                for part, seen in zip(parts, exposures, strict=True)
+            ]
+        for done in each:
+            done.result()
+
+    def _develop(self, rows: NDArray[np.intp], exposures: Sequence[Exposure], places: Array) -> None:
+        """Makes images of exposures (n,) of rows (n,), with noise from their places (N, c, 2) in a tile."""
+        for row, exposure in zip(rows.tolist(), exposures, strict=True):
+            for camera, (lens, pinhole) in enumerate(exposure):
+                light, place = lens.colours(pinhole), places[row, camera]
+                self._images[row, camera] = self._sensors.image(light, self._worlds[row], camera, place)
 
     def close(self) -> None:
         """See `Sight`."""
@@ -285,13 +305,16 @@ class TrackedSight(RenderedSight):
 
     def look(self, true: Array, visible: Flags, moved: Flags, trials: Counts, motions: Counts) -> Seen:
         """See `Sight`."""
-        rows = np.flatnonzero(moved)
-        self._render(rows, trials, motions)
+        self._render(np.flatnonzero(moved), trials, motions)
+        return self._points.copy(), self._visible.copy()
+
+    def _develop(self, rows: NDArray[np.intp], exposures: Sequence[Exposure], places: Array) -> None:
+        """See `RenderedSight`: what is seen in them is found at once."""
+        super()._develop(rows, exposures, places)
         if len(rows):
             trackers = [self._trackers[row] for row in rows]
             images = [tuple(self._images[row]) for row in rows]
             self._points[rows], self._visible[rows] = trackers[0].track(trackers, images)
-        return self._points.copy(), self._visible.copy()
 
 
 def sight_of(

@@ -124,8 +124,15 @@ class StereoImages:
             light: Where it is to be another than the world's.
         """
         lenses = self.prepare(row, world, configuration, light)
+        return tuple(lens.colours(image) for lens, image in self._exposed(lenses, groups))
+
+    def exposed(self, row: int, world: World) -> Exposure:
+        """Each camera's lens, and the pinhole image behind it, as the simulation is now."""
+        return self._exposed(self.prepare(row, world), SEEN)
+
+    def _exposed(self, lenses: Sequence[LensMap], groups: Sequence[int]) -> Exposure:
         pictures = self._pinholes(lenses, groups)
-        return tuple(lens.colours(image) for lens, (image, _) in zip(lenses, pictures, strict=True))
+        return [(lens, image) for lens, (image, _) in zip(lenses, pictures, strict=True)]
 
     def depths(self, row: int, world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Depths (size, size) along each camera's axis in m; 0 where its lens shows nothing."""
@@ -255,6 +262,10 @@ class LensMap(NamedTuple):
     def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same of depths (size, size): those of the nearest pixels."""
         return np.asarray(cv2.remap(pinhole, self.nearest, _NO_SHARES, cv2.INTER_NEAREST), np.float32)
+
+
+Exposure = list[tuple[LensMap, Image]]
+"""Lenses, and the pinhole images (source, source, 3) from which they make a camera's image each."""
 
 
 def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:

@@ -7,7 +7,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from calfree_gym import WorldDistribution
+from calfree_gym.engine.sight import TOGETHER
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.vision.image_formation import ImageFormation
 from tests.calfree_gym.environments import kinematic
 
 KINDS = {
@@ -41,6 +43,29 @@ def test_observations_have_these_keys_and_lie_in_their_space(make, kind):
     for key in KINDS[kind]:
         if key != "desired_goal":
             assert (moved[key] != observation[key]).any(), key
+
+
+@pytest.mark.parametrize("kind", ["vision", "pixels"])
+def test_rows_of_which_some_are_developed_while_others_are_rendered_see_what_each_sees_alone(make, kind):
+    rows, words = TOGETHER + 2, np.random.default_rng(0).uniform(-0.1, 0.1, (2, TOGETHER + 2, 3))
+    single, batch = make(kind), make(kind, rows=rows)
+    seen = [batch.reset(seed=3)[0], *(batch.step(each)[0] for each in words)]
+    for row in (0, TOGETHER - 1, TOGETHER, rows - 1):
+        alone = [single.reset(seed=3 + row)[0], *(single.step(each[row])[0] for each in words)]
+        for batched, one in zip(seen, alone, strict=True):
+            for key in one:
+                np.testing.assert_array_equal(batched[key][row], one[key])
+
+
+def test_what_goes_wrong_while_images_are_developed_is_raised(make, monkeypatch):
+    def fails(*_):
+        raise ValueError("no image")
+
+    batch = make("pixels", rows=TOGETHER + 1)
+    batch.reset(seed=0)
+    monkeypatch.setattr(ImageFormation, "image", fails)
+    with pytest.raises(ValueError, match="no image"):
+        batch.step(np.full((TOGETHER + 1, 3), 0.1))
 
 
 def test_vision_sees_the_points_that_projection_has(make):
