@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.sight import ObservationQueues, Sight, Tracker, sight_of
 from calfree_gym.engine.spaces import Observation, placed_objects
-from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.geometry import ONE_MORE, ZERO, Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, LOOK_SECONDS, inside
 from calfree_gym.perturbations.schedule import Applied, PerturbationScheduler
 from calfree_gym.pool import OfWorlds, WorldPool
@@ -478,8 +478,8 @@ class Arms(ABC):
             self._registers.depart(rows)
         applied = self._apply_due("motion", self.motions, self._all[rows])
         positions = self._registers.move(rows, words[..., : len(self.robot.motors)])
-        self.motions[rows] += 1
-        self.motions_of_trial[rows] += 1
+        self.motions[rows] += ONE_MORE
+        self.motions_of_trial[rows] += ONE_MORE
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         self._moved[rows] = True
         seconds = self.execute(rows, self.motors.angles(positions, rows), words)
@@ -490,7 +490,7 @@ class Arms(ABC):
         self.simulation.refresh()
         pixels, depth = self.simulation.pinhole_pixels()
         true, shown = self._workspaces.cameras.through_lens(pixels)
-        visible = shown & (depth > 0) & inside(true)
+        visible = shown & (depth > ZERO) & inside(true)
         self.true_points = true
         if (in_sight := self.in_sight()) is not None:
             visible &= in_sight

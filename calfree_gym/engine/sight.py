@@ -20,6 +20,8 @@ from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.world.value import MAX_LATENCY, World
 
 Counts = NDArray[np.int64]
+_LOWEST, _HIGHEST = np.array(-1.0), np.array(1.0)
+"""Of image coordinates."""
 
 
 class MeasurementModel(OfWorlds):
@@ -64,7 +66,7 @@ class MeasurementModel(OfWorlds):
         An outlier stands anywhere in the image. A point that drops out is not seen this time.
         """
         measured = true + self._noise * self._noise_numbers.at(trials, motions)
-        measured = np.minimum(np.maximum(measured, -1.0), 1.0)  # faster than clip
+        measured = np.minimum(np.maximum(measured, _LOWEST), _HIGHEST)  # faster than clip
         if self._any_outliers:
             drawn = self._outlier_numbers.at(trials, motions)
             outlier = drawn[:, :, 0] < self._outliers

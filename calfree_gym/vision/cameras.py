@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags, in_frame, rotation_matrix
+from calfree_gym.geometry import ONE, Array, Flags, in_frame, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
 from calfree_gym.pool import OfWorlds
 
@@ -86,7 +86,7 @@ def image_points(
     squares = flat * flat
     square = squares[..., 0] + squares[..., 1]
     bend = square * (k1 + k2 * square)
-    return flat * (1 + bend)[..., None] * focal + principal, square < folds
+    return flat * (ONE + bend)[..., None] * focal + principal, square < folds
 
 
 class StereoCameras(OfWorlds):
