@@ -92,12 +92,23 @@ def figure(found: Sequence[Table]) -> Figure:
 # -- Other environments under other interpreters, timed in turns with ours
 
 WORKER = Path(peer_worker.__file__)
-WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic"}
+LONGEST = 0.25
+"""Of PPO's words, as docs/learning.md advises: peers bound theirs, too. (Panda-gym: 5 cm a step.)"""
+WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic", "word_limit": LONGEST}
 """In which PPO learns to reach."""
 
 
 def beside(peer: Peer, rounds: int) -> Iterator[Line]:
-    """One arm of ours and one of the peer's: a step, a simulated second, and PPO until it reaches."""
+    """One arm of ours and one of the peer's: a step, a simulated second, and PPO until it reaches.
+
+    Beside rows of a peer's, a step of as many kinematic rows.
+    """
+    if (rows := peer.rows) > 1:
+        ours = timer(stepping(rows, 50, dynamics="kinematic", truth=False, threads=1), 50)
+        what = f"a step of {rows} kinematic rows, one thread / of {rows} of {peer.env_id}"
+        with pinned(1):
+            yield in_turns(what, ours, lambda: peer.seconds(50) / 50, rounds)
+        return
     ours = timer(stepping(1, 50), 50)
     with pinned(1):
         line = in_turns(f"a step of one arm / {peer.env_id}", ours, lambda: peer.seconds(50) / 50, rounds)
@@ -112,7 +123,8 @@ def beside(peer: Peer, rounds: int) -> Iterator[Line]:
             )
         if other := peer.reached_by_ppo():
             own = _reached_by_our_ppo()
-            mine_is, theirs_is = f"64 kinematic rows{_given_up(own)}", f"{peer.env_id}{_given_up(other)}"
+            mine_is = f"64 kinematic rows, words up to {LONGEST}{_given_up(own)}"
+            theirs_is = f"{peer.env_id}{_given_up(other)}"
             yield Line(
                 f"PPO until {SHARE:.0%} of trials reach, {mine_is} / {theirs_is}",
                 own["seconds"],
@@ -133,8 +145,8 @@ def _given_up(found: dict[str, Any]) -> str:
 class Peer:
     """An environment in a process of its own, which steps only while it is being timed.
 
-    "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" included. Substeps of a step,
-    and their seconds, are None where they are not known.
+    "PYTHON=ENV_ID" names an interpreter that has it, and its id, "module:Id" and "envpool:Id" included.
+    Substeps of a step, and their seconds, are None where they are not known.
     """
 
     def __init__(self, spec: str) -> None:
@@ -162,6 +174,7 @@ class Peer:
             raise
         self.substeps: int | None = about["substeps"]
         self.timestep: float | None = about["timestep"]
+        self.rows: int = about["rows"]
         self.versions: dict[str, str] = about["versions"]
 
     def __enter__(self) -> Self:

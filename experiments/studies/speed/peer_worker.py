@@ -16,11 +16,18 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 REGISTER = ("panda_gym", "gymnasium_robotics")
+ENVPOOL, ROWS = "envpool:", 64
+"""Of ids that EnvPool knows, which steps so many rows together."""
 
 
 def make(env_id: str) -> Any:
-    """The environment, once the packages that may have it are registered."""
+    """The environment, once the packages that may have it are registered; of EnvPool rows, on one thread."""
     import gymnasium
+
+    if env_id.startswith(ENVPOOL):
+        import envpool
+
+        return envpool.make_gymnasium(env_id[len(ENVPOOL) :], num_envs=ROWS, num_threads=1)
 
     without = []
     for package in REGISTER:
@@ -54,7 +61,7 @@ def substeps_and_timestep(env: Any) -> tuple[int | None, float | None]:
 def versions() -> dict[str, str]:
     """Versions of the interpreter, and of what an environment's speed depends on, where it is loaded."""
     found = {"python": sys.version.split()[0]}
-    for package in ("gymnasium", "numpy", "mujoco", "pybullet", *REGISTER):
+    for package in ("gymnasium", "numpy", "mujoco", "pybullet", "envpool", *REGISTER):
         if package in sys.modules:
             try:
                 found[package] = version(package)
@@ -65,15 +72,26 @@ def versions() -> dict[str, str]:
 
 def seconds(env: Any, steps: int) -> float:
     """Makes environment steps; how long they took, without the resets between."""
-    actions = [env.action_space.sample() for _ in range(steps)]
-    total = 0.0
+    actions, total = [_action(env) for _ in range(steps)], 0.0
     for action in actions:
         start = time.perf_counter()
         _, _, terminated, truncated, _ = env.step(action)
         total += time.perf_counter() - start
-        if terminated or truncated:
+        if rows(env) == 1 and (terminated or truncated):  # rows begin anew by themselves
             env.reset()
     return total
+
+
+def rows(env: Any) -> int:
+    """How many it steps together."""
+    return int(getattr(env, "num_envs", 1))
+
+
+def _action(env: Any) -> Any:
+    import numpy as np
+
+    one = env.action_space.sample
+    return one() if rows(env) == 1 else np.stack([one() for _ in range(rows(env))])
 
 
 ROLLOUT, SHARE, MOST_MOTIONS = 2048, 0.9, 300_000
@@ -131,7 +149,7 @@ def main(env_id: str) -> None:
         env.reset(seed=0)
         env.action_space.seed(0)
         substeps, timestep = substeps_and_timestep(env)
-        answer({"substeps": substeps, "timestep": timestep, "versions": versions()})
+        answer({"substeps": substeps, "timestep": timestep, "rows": rows(env), "versions": versions()})
         for line in sys.stdin:
             answer(reached_by_ppo(env) if line == "ppo\n" else {"seconds": seconds(env, int(line))})
     except Exception as error:

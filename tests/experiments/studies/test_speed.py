@@ -35,6 +35,28 @@ def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is(simulated):
     assert 0 < few < many
 
 
+def test_rows_of_a_peer_are_timed_beside_as_many_of_ours(tmp_path, monkeypatch):
+    (tmp_path / "envpool.py").write_text(
+        "import gymnasium as gym, numpy as np\n"
+        "class Rows(gym.Env):\n"
+        "    num_envs, action_space = 64, gym.spaces.Box(-1, 1, (2,))\n"
+        "    def step(self, action):\n"
+        "        assert action.shape == (64, 2)\n"
+        "        over = np.ones(64, bool)\n"
+        "        return action, over, over, over, {}\n"
+        "    def reset(self, seed=None):\n"
+        "        assert seed == 0, 'once: rows begin anew by themselves'\n"
+        "def make_gymnasium(env_id, num_envs, num_threads):\n"
+        "    assert (env_id, num_envs, num_threads) == ('Some-v4', 64, 1)\n"
+        "    return Rows()\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with Peer(f"{sys.executable}=envpool:Some-v4") as peer:
+        (line,) = speed.beside(peer, 1)
+    assert line.what == "a step of 64 kinematic rows, one thread / of 64 of envpool:Some-v4"
+    assert line.ratio == pytest.approx(line.beside / line.seconds)
+
+
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
