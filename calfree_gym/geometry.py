@@ -9,7 +9,8 @@ Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp]
 """Some of N worlds that stand side by side."""
 ZERO, ONE, ONE_MORE = np.array(0.0), np.array(1.0), np.array(1)
-"""Numbers as arrays: with these NumPy computes twice as fast as with Python's, where arrays are small."""
+"""Numbers, the last one whole, as arrays: with these NumPy computes twice as fast as with Python's, where
+arrays are small."""
 
 
 def quaternion_product(first: Array, second: Array) -> Array:

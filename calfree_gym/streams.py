@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 Key = tuple[int, int]
 """Names the counter-based streams of one purpose under one seed."""
 _WORD = 2**32
-_BLOCKS = np.array(2**32)
-"""Of motions of a trial (a guard)."""
+_BLOCKS = np.array(_WORD)
+"""So many blocks of motions has no trial (a guard)."""
 
 
 def _sequence(seed: int, name: str, *indices: int) -> np.random.SeedSequence:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -256,16 +258,17 @@ class RenderedSight(Sight):
         places = self._places.at(trials, motions)
         parts = np.split(rows, range(TOGETHER, len(rows), TOGETHER))
         exposures = ([self._renderer.exposed(row, self._worlds[row]) for row in part] for part in parts)
-        if len(parts) == 1:
-            self._develop(rows, next(exposures), places)
+        if len(parts) == 1 or not threading.main_thread().is_alive():  # at exit no thread begins
+            for part, exposed in zip(parts, exposures, strict=True):
+                self._develop(part, exposed, places)
             return
         with ThreadPoolExecutor(max_workers=1) as laboratory:
-            each = [
-                laboratory.submit(self._develop, part, seen, places)
-                for part, seen in zip(parts, exposures, strict=True)
-            ]
-        for done in each:
-            done.result()
+            before: Future[None] | None = None
+            for part, exposed in zip(parts, exposures, strict=True):
+                if before is not None:
+                    before.result()
+                before = laboratory.submit(copy_context().run, self._develop, part, exposed, places)
+            before.result()  # type: ignore[union-attr]
 
     def _develop(self, rows: NDArray[np.intp], exposures: Sequence[Exposure], places: Array) -> None:
         """Makes images of exposures (n,) of rows (n,), with noise from their places (N, c, 2) in a tile."""

@@ -213,7 +213,8 @@ SUBSTEPS = 100
 """Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
 DYNAMICS = ("physics", "kinematic")
 NOT_STEPPED = int(mujoco.mjtDisableBit.mjDSBL_SENSOR | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-"""Off while arms move that touch nothing: only `refresh` needs sensors, and motors stop before joints do."""
+"""Off while arms move that touch nothing: only `refresh` needs sensors; and motors, not joints, stop, so that
+arms settle where kinematics places them, also where motions do not repeat exactly."""
 
 
 class ReachSimulation(Simulation):

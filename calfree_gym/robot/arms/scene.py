@@ -201,7 +201,7 @@ def compiled_scene(spec: Any) -> tuple[mujoco.MjModel, mujoco.MjModel]:
     spec.compiler.discardvisual = True  # bodies keep the inertia that their shapes gave them
     try:
         return model, spec.compile()
-    except ValueError:  # with inertiafromgeom="true" they have none then
+    except ValueError:  # something needs shapes, as inertiafromgeom="true" does
         return model, model
 
 

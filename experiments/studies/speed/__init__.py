@@ -101,13 +101,14 @@ WORLD: dict[str, Any] = {"world": "nominal", "dynamics": "kinematic", "word_limi
 def beside(peer: Peer, rounds: int) -> Iterator[Line]:
     """One arm of ours and one of the peer's: a step, a simulated second, and PPO until it reaches.
 
-    Beside rows of a peer's, a step of as many kinematic rows.
+    Beside rows of a peer's, a step of as many.
     """
     if (rows := peer.rows) > 1:
-        ours = timer(stepping(rows, 50, dynamics="kinematic", truth=False, threads=1), 50)
-        what = f"a step of {rows} kinematic rows, one thread / of {rows} of {peer.env_id}"
-        with pinned(1):
-            yield in_turns(what, ours, lambda: peer.seconds(50) / 50, rounds)
+        for dynamics, steps in (("kinematic", 50), ("physics", 4)):
+            ours = timer(stepping(rows, steps, dynamics=dynamics, truth=False, threads=1), steps)
+            what = f"a step of {rows} {dynamics} rows, one thread / of {rows} of {peer.env_id}"
+            with pinned(1):
+                yield in_turns(what, ours, lambda: peer.seconds(50) / 50, rounds)
         return
     ours = timer(stepping(1, 50), 50)
     with pinned(1):

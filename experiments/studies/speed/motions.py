@@ -5,6 +5,7 @@ In turns a drifting machine cancels.
 
 from __future__ import annotations
 
+import copy
 import os
 import subprocess
 import sys
@@ -148,7 +149,7 @@ def _single(rounds: int, truth: bool, required: float | None = None, bare: bool 
     """
     motions = 50
     scene = MOVEMASTER.scene(MOVEMASTER.mounts("waist"))
-    model = scene.stepped if bare else scene.model
+    model = copy.copy(scene.stepped if bare else scene.model)
     if bare:
         model.opt.disableflags |= NOT_STEPPED
     stepped = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)

@@ -27,7 +27,7 @@ def make(env_id: str) -> Any:
     if env_id.startswith(ENVPOOL):
         import envpool
 
-        return envpool.make_gymnasium(env_id[len(ENVPOOL) :], num_envs=ROWS, num_threads=1)
+        return envpool.make_gymnasium(env_id[len(ENVPOOL) :], num_envs=ROWS, num_threads=1, seed=0)
 
     without = []
     for package in REGISTER:

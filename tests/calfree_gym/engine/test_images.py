@@ -1,5 +1,7 @@
 """Observations that come from rendered images, and points that can be hidden."""
 
+import subprocess
+import sys
 from contextlib import ExitStack, closing
 
 import numpy as np
@@ -9,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from calfree_gym import WorldDistribution
 from calfree_gym.engine.sight import TOGETHER
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.vision.image_formation import ImageFormation
 from tests.calfree_gym.environments import kinematic
 
@@ -57,15 +60,34 @@ def test_rows_of_which_some_are_developed_while_others_are_rendered_see_what_eac
                 np.testing.assert_array_equal(batched[key][row], one[key])
 
 
-def test_what_goes_wrong_while_images_are_developed_is_raised(make, monkeypatch):
+def test_what_goes_wrong_while_images_are_developed_is_raised_before_all_rows_are_rendered(make, monkeypatch):
     def fails(*_):
         raise ValueError("no image")
 
-    batch = make("pixels", rows=TOGETHER + 1)
+    def counted(images, *row):
+        rendered.append(row)
+        return exposed(images, *row)
+
+    rows, rendered, exposed = 5 * TOGETHER, [], StereoImages.exposed
+    batch = make("pixels", rows=rows)
     batch.reset(seed=0)
     monkeypatch.setattr(ImageFormation, "image", fails)
+    monkeypatch.setattr(StereoImages, "exposed", counted)
     with pytest.raises(ValueError, match="no image"):
-        batch.step(np.full((TOGETHER + 1, 3), 0.1))
+        batch.step(np.full((rows, 3), 0.1))
+    assert len(rendered) <= 2 * TOGETHER
+
+
+def test_rows_are_seen_also_while_the_interpreter_ends():
+    lines = (
+        "import atexit, gymnasium, numpy",
+        f"rows, of = {TOGETHER + 1}, dict(observation='pixels', image_size=48, dynamics='kinematic')",
+        "envs = gymnasium.make_vec('calfree_gym:CalFree/Reach-v0', num_envs=rows, **of)",
+        "envs.reset(seed=0)",
+        "atexit.register(lambda: print('seen', envs.step(numpy.full((rows, 3), 0.1))[0]['pixels'].shape))",
+    )
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
+    assert f"seen ({TOGETHER + 1}, 48, 48, 6)" in done.stdout, done.stderr
 
 
 def test_vision_sees_the_points_that_projection_has(make):

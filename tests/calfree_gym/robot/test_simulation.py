@@ -63,12 +63,14 @@ def test_an_arm_that_is_stepped_without_its_shapes_moves_as_the_whole_does(name)
     model, data = simulation.show(0, simulation.picture())
     assert model.ngeom > simulation._batch.model.ngeom == 0
     data.ctrl[:], data.act[:] = simulation._all_ctrl[0], simulation._all_act[0]
+    at_stops = 1e-8 if name == "movemaster" else 0.0  # only that model has stops, where its wrist may be
     for _ in range(4):
         simulation.move(EVERY, motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY))
         simulation.refresh()
         data.ctrl[:] = simulation._all_ctrl[0]
         mujoco.mj_step(model, data, SUBSTEPS)
-        np.testing.assert_array_equal(data.qpos, simulation.configuration(0))
+        np.testing.assert_allclose(data.qpos, simulation.configuration(0), rtol=0, atol=at_stops)
+        data.qpos[:] = simulation.configuration(0)
         mujoco.mj_forward(model, data)
         first = simulation._scene.sensors
         np.testing.assert_array_equal(data.sensordata[first : first + 8], simulation._pixels[0].ravel())
