@@ -73,9 +73,10 @@ def _benchmark(options: argparse.Namespace) -> int:
         raise ConfigError(f"--peer is timed by speed, which is none of {', '.join(options.studies)}")
     if options.out:
         made_folder(options.out.parent)
+    code = {"commit": commit(), "versions": versions()}  # before: files may change while it is measured
     by_study = {name: measure(name, options) for name in options.studies}
     tables = [table.to_dict() for of_study in by_study.values() for table in of_study]
-    measured = {"commit": commit(), "versions": versions(), "tables": tables}
+    measured = {**code, "tables": tables}
     text = json.dumps(measured, indent=2, default=lambda number: number.item())
     if options.json:
         print(text)

@@ -51,6 +51,14 @@ def test_studies_are_shown_and_kept(two_studies, tmp_path, capsys):
     assert [path.name for path in tmp_path.glob("*.png")] == ["mine.png"], "where keep looks for it"
 
 
+def test_what_is_kept_tells_the_code_that_was_loaded(two_studies, tmp_path, monkeypatch):
+    made, commits = studies.measure, ["before"]
+    monkeypatch.setattr(studies, "commit", lambda: commits[-1])
+    monkeypatch.setattr(studies, "measure", lambda *given: (commits.append("after"), made(*given))[1])
+    assert main(["benchmark", "insert", "--out", str(tmp_path / "kept.json")]) == 0
+    assert json.loads((tmp_path / "kept.json").read_text())["commit"] == "before"
+
+
 def test_a_figure_is_of_its_own_study(two_studies, tmp_path, monkeypatch):
     drawn = studies.import_module("priors").figure
     seen = []
