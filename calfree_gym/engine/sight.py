@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from typing import Any, ClassVar, Protocol, Self
 
@@ -263,12 +263,11 @@ class RenderedSight(Sight):
                 self._develop(part, exposed, places)
             return
         with ThreadPoolExecutor(max_workers=1) as laboratory:
-            before: Future[None] | None = None
+            before = laboratory.submit(lambda: None)
             for part, exposed in zip(parts, exposures, strict=True):
-                if before is not None:
-                    before.result()
+                before.result()  # it is at most one part behind, and its errors come at once
                 before = laboratory.submit(copy_context().run, self._develop, part, exposed, places)
-            before.result()  # type: ignore[union-attr]
+            before.result()
 
     def _develop(self, rows: NDArray[np.intp], exposures: Sequence[Exposure], places: Array) -> None:
         """Makes images of exposures (n,) of rows (n,), with noise from their places (N, c, 2) in a tile."""
