@@ -206,7 +206,7 @@ class Scene(NamedTuple):
 
     Attributes:
         model: The model.
-        stepped: What physics steps: of an arm that touches nothing, the same without shapes.
+        stepped: What physics steps: of an arm that touches nothing, the same without shapes and lights.
         home: Of all joints (nq,).
         ctrl: Of all actuators (nu,), at home.
         act: Of all states of actuators (na,), at home.

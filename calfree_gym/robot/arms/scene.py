@@ -198,6 +198,8 @@ def compiled_scene(spec: Any) -> tuple[mujoco.MjModel, mujoco.MjModel]:
     spec = spec.copy()
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
+    for light in list(spec.lights):
+        spec.delete(light)
     spec.compiler.discardvisual = True  # bodies keep the inertia that their shapes gave them
     try:
         return model, spec.compile()
