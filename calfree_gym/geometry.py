@@ -8,7 +8,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp]
 """Some of N worlds that stand side by side."""
-ZERO, ONE, ONE_MORE = np.array(0.0), np.array(1.0), np.array(1)
+ZERO, ONE, MINUS_ONE, ONE_MORE = np.array(0.0), np.array(1.0), np.array(-1.0), np.array(1)
 """Numbers, the last one whole, as arrays: with these NumPy computes twice as fast as with Python's, where
 arrays are small."""
 

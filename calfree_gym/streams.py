@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 Key = tuple[int, int]
 """Names the counter-based streams of one purpose under one seed."""
 _WORD = 2**32
-_BLOCKS = np.array(_WORD)
-"""So many blocks of motions has no trial (a guard)."""
 
 
 def _sequence(seed: int, name: str, *indices: int) -> np.random.SeedSequence:
@@ -56,7 +54,6 @@ class MotionNumbers:
         self._streams = CounterStreams(rows, name)
         self._numbers = np.zeros((rows, self.BLOCK, *shape))
         self._loaded = np.full(rows, -1)
-        self._block = np.array(self.BLOCK)
         self._by_motion = self._numbers.reshape(rows * self.BLOCK, *shape)
         self._first = self.BLOCK * np.arange(rows)
 
@@ -67,8 +64,8 @@ class MotionNumbers:
 
     def at(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> NDArray[np.float64]:
         """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
-        blocks, places = np.divmod(motions, self._block)
-        wanted = trials * _BLOCKS + blocks
+        blocks, places = np.divmod(motions, self.BLOCK)
+        wanted = trials * 2**32 + blocks
         if len(stale := (wanted != self._loaded).nonzero()[0]):
             self._load(stale, trials, blocks)
             self._loaded = wanted

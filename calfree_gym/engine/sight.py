@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags
+from calfree_gym.geometry import MINUS_ONE, ONE, Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
 from calfree_gym.rendering.stereo_images import Exposure, StereoImages
@@ -22,8 +22,6 @@ from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.world.value import MAX_LATENCY, World
 
 Counts = NDArray[np.int64]
-_LOWEST, _HIGHEST = np.array(-1.0), np.array(1.0)
-"""Of image coordinates."""
 
 
 class MeasurementModel(OfWorlds):
@@ -68,7 +66,7 @@ class MeasurementModel(OfWorlds):
         An outlier stands anywhere in the image. A point that drops out is not seen this time.
         """
         measured = true + self._noise * self._noise_numbers.at(trials, motions)
-        measured = np.minimum(np.maximum(measured, _LOWEST), _HIGHEST)  # faster than clip
+        measured = np.minimum(np.maximum(measured, MINUS_ONE), ONE)  # faster than clip
         if self._any_outliers:
             drawn = self._outlier_numbers.at(trials, motions)
             outlier = drawn[:, :, 0] < self._outliers

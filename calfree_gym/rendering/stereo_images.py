@@ -114,7 +114,19 @@ class StereoImages:
         configuration: Array | None = None,
         light: Lighting | None = None,
     ) -> tuple[Image, ...]:
-        """Images (size, size, 3), one a camera, such as left and right, as the simulation is now.
+        """Images (size, size, 3), one a camera, such as left and right; see `exposed`."""
+        exposed = self.exposed(row, world, groups, configuration, light)
+        return tuple(lens.colours(image) for lens, image in exposed)
+
+    def exposed(
+        self,
+        row: int,
+        world: World,
+        groups: Sequence[int] = SEEN,
+        configuration: Array | None = None,
+        light: Lighting | None = None,
+    ) -> Exposure:
+        """Each camera's lens, and the pinhole image behind it, as the simulation is now.
 
         Args:
             row: The row.
@@ -124,13 +136,6 @@ class StereoImages:
             light: Where it is to be another than the world's.
         """
         lenses = self.prepare(row, world, configuration, light)
-        return tuple(lens.colours(image) for lens, image in self._exposed(lenses, groups))
-
-    def exposed(self, row: int, world: World) -> Exposure:
-        """Each camera's lens, and the pinhole image behind it, as the simulation is now."""
-        return self._exposed(self.prepare(row, world), SEEN)
-
-    def _exposed(self, lenses: Sequence[LensMap], groups: Sequence[int]) -> Exposure:
         pictures = self._pinholes(lenses, groups)
         return [(lens, image) for lens, (image, _) in zip(lenses, pictures, strict=True)]
 

@@ -27,7 +27,7 @@ from experiments.reporting.tables import Table
 from experiments.studies.speed import peer_worker
 from experiments.studies.speed.motions import (
     Line,
-    bare_model,
+    bare_scene,
     by_rows,
     in_turns,
     lines,
@@ -115,7 +115,7 @@ def beside(peer: Peer, rounds: int) -> Iterator[Line]:
         line = in_turns(f"a step of one arm / {peer.env_id}", ours, lambda: peer.seconds(50) / 50, rounds)
         yield line
         if peer.substeps and peer.timestep:
-            mine, others = SUBSTEPS * float(bare_model().opt.timestep), peer.substeps * peer.timestep
+            mine, others = SUBSTEPS * float(bare_scene().model.opt.timestep), peer.substeps * peer.timestep
             yield Line(
                 f"a simulated second of one arm / {peer.env_id}",
                 line.seconds / mine,

@@ -5,7 +5,6 @@ In turns a drifting machine cancels.
 
 from __future__ import annotations
 
-import copy
 import os
 import subprocess
 import sys
@@ -32,6 +31,7 @@ from calfree_gym.engine.sight import SHADOWS_FROM
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Scene
 from calfree_gym.robot.simulation import NOT_STEPPED, SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
 from experiments.studies.common import GRASP, REACH, arms_of_tests
@@ -116,10 +116,10 @@ SEVEN_MOTORS = "redundant"
 ROWS = 1, 8, 64, 512, 1024, 8192
 
 
-def bare_model(arm: Arm | None = None, mount: str = "waist") -> mujoco.MjModel:
+def bare_scene(arm: Arm | None = None, mount: str = "waist") -> Scene:
     """An arm, the built-in one by default, with its cameras, and no environment around it."""
     robot = MOVEMASTER if arm is None else arm.robot
-    return robot.scene(robot.mounts(mount)).model
+    return robot.scene(robot.mounts(mount))
 
 
 def ratios(rounds: int) -> Iterator[Line]:
@@ -148,8 +148,8 @@ def _single(rounds: int, truth: bool, required: float | None = None, bare: bool 
     motion, and moves the arm without shapes and constraints: so does the other loop where it is to be `bare`.
     """
     motions = 50
-    scene = MOVEMASTER.scene(MOVEMASTER.mounts("waist"))
-    model = copy.copy(scene.stepped if bare else scene.model)
+    scene = bare_scene()
+    model = scene.stepped if bare else scene.model
     if bare:
         model.opt.disableflags |= NOT_STEPPED
     stepped = repeated(partial(mujoco.mj_step, model, mujoco.MjData(model)), motions * SUBSTEPS)
@@ -179,7 +179,7 @@ def _batched(
 ) -> Line:
     """256 rows on all cores."""
     rows, motions = 256, 4
-    bare = repeated(partial(Batch(bare_model(arm), rows).step, nstep=SUBSTEPS), motions)
+    bare = repeated(partial(Batch(bare_scene(arm).model, rows).step, nstep=SUBSTEPS), motions)
     ours = stepping(rows, motions, truth=truth, **({} if arm is None else {"arm": arm}))
     what = f"a motion of {rows} rows{'' if truth else ', truth=False'} / Batch.step{named}"
     return in_turns(what, timer(ours, motions), timer(bare, motions), rounds, required)
@@ -195,7 +195,7 @@ def _kinematic(
 ) -> Line:
     """1,024 rows of kinematic dynamics, on one thread or (0) all."""
     rows, motions = 1024, 60
-    batch = Batch(bare_model(arm, mount), rows, nthread=threads)
+    batch = Batch(bare_scene(arm, mount).model, rows, nthread=threads)
     bare = repeated(partial(batch.forward, stage=int(mujoco.mjtStage.mjSTAGE_POS)), motions)
     of = {} if arm is None else {"arm": arm}
     chosen: dict[str, Any] = {"truth": False, "threads": threads, "camera_mount": mount, **of}
